@@ -106,7 +106,7 @@ def diagnose(
     own = dict(zip(names_of(recordings), recordings, strict=True))
     leave_out = asked_for(own, exclude)
 
-    def answer() -> Diagnosis:
+    def answer() -> tuple[Diagnosis, Prepared | None]:
         for may_differ in (True, False):
             ready = prepare(
                 robot,
@@ -121,22 +121,22 @@ def diagnose(
                 untried=without,
             )
             if isinstance(ready, Diagnosis):
-                return ready
+                return ready, None
             found = _search(ready, ready.leave_out, experiment, say)
             if found is not None:
-                return found
+                return found, ready
             say("with what was found the recordings agree: trying again with one value for all")
         raise AssertionError("a search in which nothing differs has an answer")
 
     try:
-        found = answer()
+        found, ready = answer()
         samples = {name: len(r) for name, r in own.items()}
-        if found.verdict == PARTLY and not found.settings["heavy_tails"]:
+        if found.verdict == PARTLY and ready and not ready.likelihood.rules.looks_outside:
             more = from_outside(found.episodes, samples, leave_out, _events(found))
             if more is not None:
                 say("leaving out the episodes in which something outside the model acts, and trying again")
                 leave_out = more
-                again = answer()
+                again, _ = answer()
                 found = again if _leaves_less(again, found) else found
         for _ in range(STILL_ROUNDS + len(recordings) - 1):
             still = where_still(found.pattern, samples, leave_out)
@@ -144,7 +144,7 @@ def diagnose(
                 break
             say("leaving out readings that stand still, and trying again")
             leave_out = still
-            again = answer()
+            again, _ = answer()
             if not _leaves_less(again, found):
                 break
             found = again
@@ -270,7 +270,7 @@ def _discovered(models: Models, decision: Decision, say: Callable[[str], None]) 
     if robot.space or robot.tendon_names or robot.tendon.drive != "tension":
         return None
     heads = [decision.chosen] if decision.verdict == PARTLY else []
-    if models.likelihood.heavy is None or not heads:
+    if models.likelihood.rules.laws_beside_the_base or not heads:
         heads = [models.base, *heads]
     room = (head for head in heads if len(head.names) + 1 < len(HOW_MANY))
     return next((found for head in room if (found := discover(models, head, say)) is not None), None)
@@ -296,7 +296,7 @@ def _decided(
     if structured(decision.left) and decision.pattern is None:
         best = with_further(whole, decision.chosen, say) if known is None else whole.stored(known)
         decision = decide_extended(whole, best, decision)
-    if whole.likelihood.heavy is not None:
+    if whole.likelihood.rules.unseen_narrow:
         # Long recordings have cycles enough to tell by.
         decision = narrowed(whole, decision, beaten(whole, decision.chosen, decision.confusion))
     return whole, decision
@@ -309,7 +309,7 @@ def _outside(
     far off count less; None where that is nothing.
     """
     time = ready.parts[0].time
-    if models.likelihood.heavy is None or time is None:
+    if not models.likelihood.rules.looks_outside or time is None:
         return None
     samples = {part.name: part.samples for part in ready.parts}
     events = _events_of(chosen.values, float(time[0]))
@@ -322,7 +322,7 @@ def _on_all(
     """The most probable models, and the base model, refitted to all samples; None if that fails."""
     few = models.likelihood
     likelihood = Likelihood(
-        rigs=tuple(rigs), base=few.base, dimensions=few.dimensions, heavy=few.heavy, untried=few.untried
+        rigs=tuple(rigs), base=few.base, dimensions=few.dimensions, rules=few.rules, untried=few.untried
     )
     whole = Models(likelihood, list(models.of.values()))
     ranked = models.ranked()
@@ -352,7 +352,7 @@ def _on_all(
     whole.mend()
     if () not in whole.fits:
         return None
-    return whole if whole.likelihood.heavy is None else _weighed_by_the_best(whole)
+    return _weighed_by_the_best(whole) if whole.likelihood.rules.weighed_by_the_best else whole
 
 
 def _weighed_by_the_best(models: Models) -> Models:
@@ -364,7 +364,7 @@ def _weighed_by_the_best(models: Models) -> Models:
 
     def on_its_own(f: Fitted) -> tuple[float, Likelihood] | None:
         own = dataclasses.replace(
-            likelihood.weighed(f.values, f.seen, likelihood.noise), heavy=likelihood.heavy
+            likelihood.weighed(f.values, f.seen, likelihood.noise), rules=likelihood.rules
         )
         again = own.refit(models.hypotheses(f.names), f.x, most=4, exact=False)
         return None if again is None else (again.cost + own.log_determinant, own)

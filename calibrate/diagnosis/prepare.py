@@ -34,7 +34,8 @@ from .evidence.refine import refine
 from .hypotheses.hypotheses import Hypothesis, base_numbers, catalogue, instrument_numbers
 from .hypotheses.model import Fitted
 from .likelihood.follow import dimensions_of
-from .likelihood.likelihood import HEAVY, SCANNED, Likelihood, change_by, passing
+from .likelihood.likelihood import SCANNED, Likelihood, change_by, passing
+from .likelihood.recording_length import rules_for
 from .outside.disturbances import behind_gaps, disturbances, within
 from .outside.leave_out import Stretch, without
 from .outside.sanity import faults
@@ -47,14 +48,10 @@ FEW, MANY = 140, 2400
 # Samples of each recording on which hypotheses are tried where there are several: together they hold more
 # information.
 FEW_OF_SEVERAL = 96
-# Samples from which on a recording shows what its instruments add.
-LONG = 1000
 # Names that a message offers for an unknown one.
 NEAREST = 3
 # Quantities in which a stretch of the tendon ahead of the channel is seen.
 DRAWN = ("displacement", "T_base")
-# Times that events from outside are looked for, each with a better fit.
-LOOKS = 2
 # Resolution of the mesh that the best models are corrected to, relative to the robot's own.
 FINEST = 1.5
 
@@ -174,8 +171,8 @@ def prepare(
     deviations = deviations_of(config, fine)
     dimensions = dimensions_of(config, fine)
     several = len(parts) > 1
-    long = _long(parts)
-    instruments, heavy = (instrument_numbers(parts[0]), HEAVY) if long else ((), None)
+    rules = rules_for(parts)
+    instruments = instrument_numbers(parts[0]) if rules.fits_instruments else ()
     free = [*(d.name for d in dimensions), *(names_to_split(fine, dimensions) if several else [])]
 
     def fitted(
@@ -190,7 +187,7 @@ def prepare(
         small = [p if len(k) == p.samples else p.only(k) for p, k in zip(full, kept, strict=True)]
         rigs = [SimulatedRig(p, coarse, free, cache) for p in small]
         likelihood = Likelihood(
-            rigs=tuple(rigs), base=numbers, dimensions=tuple(dimensions), heavy=heavy, untried=untried
+            rigs=tuple(rigs), base=numbers, dimensions=tuple(dimensions), rules=rules, untried=untried
         )
         rough = base_fit(likelihood, start)
         if rough is None:
@@ -219,7 +216,7 @@ def prepare(
         if again is None:
             break
         start, differ = again, [*differ, difference]
-    for _ in range(LOOKS if long else 0):
+    for _ in range(rules.looks_outside):
         more = [] if start is None else _from_outside(as_asked, start)
         if start is None or not more:
             break
@@ -281,13 +278,6 @@ def _from_outside(part: Observation, start: _Start) -> list[Stretch]:
     return within(found, part.samples)
 
 
-def _long(parts: Sequence[Observation]) -> bool:
-    """Whether a recording is long enough to show what its instruments add, and what happens once; several
-    recordings share no drift, and need not share a delay.
-    """
-    return len(parts) == 1 and parts[0].time is not None and parts[0].samples >= LONG
-
-
 def names_of(recordings: Sequence[Recording]) -> list[str]:
     """Names of recordings, each once."""
     return distinct([r.path.stem for r in recordings])
@@ -314,7 +304,7 @@ def _better(before: _Start, after: _Start) -> _Start:
     if seen is None:
         return before
     likewise = dataclasses.replace(
-        likelihood.weighed(values, seen, before.likelihood.noise), heavy=before.likelihood.heavy
+        likelihood.weighed(values, seen, before.likelihood.noise), rules=before.likelihood.rules
     )
     squares = float(np.sum(likewise.rows(seen) ** 2))
     sizes = [sum(rig.part.T_base.size for rig in s.likelihood.rigs) for s in (before, after)]

@@ -11,6 +11,7 @@ import calibrate
 import gtr_jax as gtr
 from calibrate.diagnosis.decision import decide
 from calibrate.diagnosis.likelihood.locate import between_samples
+from calibrate.diagnosis.likelihood.recording_length import ShortRecordings
 from calibrate.diagnosis.search import forward_search as further
 
 # Recordings of the machine of the blind benchmark, of seeds that it does not score.
@@ -70,7 +71,7 @@ def test_all_effects_are_named_where_an_error_of_one_law_cannot_be_what_is_left(
         probabilities_given_discrepancy=lambda f: {("a", "b"): 1.0, (): 0.0},
         stored=lambda f: f,
         fits={alone.names: alone} if alone.names[0] in exact else {},
-        likelihood=SimpleNamespace(scale_left=lambda f: 1.0, heavy=None),
+        likelihood=SimpleNamespace(scale_left=lambda f: 1.0, rigs=[], rules=ShortRecordings()),
         of={name: SimpleNamespace(kind=kind) for name, kind in kinds.items()},
     )
     before = SimpleNamespace(verdict="as-before", chosen=base)
@@ -124,7 +125,7 @@ def test_a_model_is_judged_again_once_a_much_better_fit_of_it_is_found(monkeypat
         return np.asarray([[[f.cost, 1, f.cost, 1]] * 4 for _, f in models])
 
     monkeypatch.setattr(further, "by_fold", by_fold)
-    likelihood = SimpleNamespace(heavy=None, scale_left=lambda f: 1.0)
+    likelihood = SimpleNamespace(rules=ShortRecordings(), scale_left=lambda f: 1.0)
     unseen = further.Unseen(cast(Any, SimpleNamespace(likelihood=likelihood, hypotheses=lambda names: names)))
     head = cast(Any, fitted(1000.0))
     for cost, pays in ((990.0, False), (985.0, False), (600.0, True), (598.0, True)):

@@ -29,6 +29,7 @@ from calibrate.diagnosis.hypotheses.hypotheses import (
 from calibrate.diagnosis.hypotheses.model import Fitted
 from calibrate.diagnosis.likelihood.likelihood import Likelihood
 from calibrate.diagnosis.likelihood.locate import cycles_of, ratio_of_branches
+from calibrate.diagnosis.likelihood.recording_length import ShortRecordings
 from calibrate.diagnosis.outside.patterns import Pattern, pattern_in
 from calibrate.diagnosis.prepare import prepare
 from calibrate.diagnosis.screening.screen import screen
@@ -89,7 +90,9 @@ def models_of(squares):
         fits[names] = SimpleNamespace(
             names=names, cost=chi2, prior=0.0, chi2=chi2, rows=rows, volume=lambda v=volume: v
         )
-    likelihood: Any = SimpleNamespace(readings=500, heavy=None, mean_square=lambda f: f.chi2 / 500)
+    likelihood: Any = SimpleNamespace(
+        readings=500, rigs=[], rules=ShortRecordings(), mean_square=lambda f: f.chi2 / 500
+    )
     known = {name for names in squares for name in names} | {f"h{k}" for k in range(35)}
     hypotheses: Any = [SimpleNamespace(name=name, kind=name.partition(".")[0]) for name in sorted(known)]
     models = Models(likelihood, hypotheses)

@@ -17,6 +17,7 @@ from calibrate.diagnosis.diagnose import _on_all
 from calibrate.diagnosis.evidence.models import Models
 from calibrate.diagnosis.hypotheses.hypotheses import EVENTS, Hypothesis
 from calibrate.diagnosis.likelihood.held_out import _when_known
+from calibrate.diagnosis.likelihood.recording_length import LongRecordings, ShortRecordings
 from calibrate.diagnosis.outside.episodes import ALONE, RELAXES, SLIPPING, TOGETHER, _kind, _runs, episodes
 from calibrate.diagnosis.outside.leave_out import ASKED, Stretch, asked_for, from_outside, left_out, without
 from calibrate.diagnosis.prepare import Prepared, prepare
@@ -176,7 +177,7 @@ def test_part_of_a_misfit(monkeypatch):
     fits = {("h1",): best, (): base}
     sure = {("h1",): 0.999, (): 0.001}
     models = SimpleNamespace(
-        likelihood=SimpleNamespace(scale_left=lambda f: 1.0, heavy=None, rigs=[]),
+        likelihood=SimpleNamespace(scale_left=lambda f: 1.0, rigs=[], rules=ShortRecordings()),
         base=base,
         fits=fits,
         probabilities_given_discrepancy=lambda f: sure,
@@ -200,10 +201,10 @@ def test_part_of_a_misfit(monkeypatch):
     assert verdict((8.0, 800.0)).verdict == "unexplained"  # most of the structure stays
     # In a long recording, where every effect pays on unseen cycles, half of it in squares may stay.
     assert verdict((6.0, 500.0)).verdict == "unexplained"
-    models.likelihood.heavy = 4.0
+    models.likelihood.rules = LongRecordings()
     assert verdict((6.0, 500.0)).verdict == "partly-explained"
     assert verdict((8.0, 800.0)).verdict == "unexplained"
-    models.likelihood.heavy = None
+    models.likelihood.rules = ShortRecordings()
     sure[("h1",)], sure[()] = 0.5, 0.5
     assert verdict((3.0, 80.0)).verdict == "unexplained"
 
@@ -223,7 +224,7 @@ def test_an_effect_pays_on_unseen_samples_or_is_not_kept(monkeypatch):
             [[[s, 1, s, 1] for s in by[f.names]] for _, f in models]
         ),
     )
-    likelihood = SimpleNamespace(heavy=None, scale_left=lambda f: 1.0)
+    likelihood = SimpleNamespace(rules=ShortRecordings(), scale_left=lambda f: 1.0)
     models = SimpleNamespace(likelihood=likelihood, hypotheses=lambda names: [])
     unseen = further.Unseen(models)  # type: ignore[arg-type]
     assert unseen.best(head, [good, little]) is good  # type: ignore[arg-type]

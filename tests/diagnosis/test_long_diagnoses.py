@@ -15,6 +15,7 @@ from calibrate.diagnosis.hypotheses.hypotheses import (
     zero_drift,
 )
 from calibrate.diagnosis.likelihood.likelihood import Likelihood
+from calibrate.diagnosis.likelihood.recording_length import LongRecordings
 from calibrate.diagnosis.outside.episodes import AFTER_GAP, episodes
 from calibrate.diagnosis.outside.leave_out import from_outside
 from calibrate.fitting.fit import part_of
@@ -78,7 +79,7 @@ def test_heavy_tails_count_far_readings_a_little_more():
     rows = np.asarray([-30.0, -1e-3, 0.0, 1e-3, 0.5, 4.0, 30.0])
     assert Likelihood((), ()).robustify(rows) is rows
     c = 4.0
-    robustify = Likelihood((), (), heavy=c).robustify(rows)
+    robustify = LongRecordings(c).robustify(rows)
     np.testing.assert_allclose(robustify**2, c**2 * np.log1p(rows**2 / c**2))
     assert np.all(np.sign(robustify) == np.sign(rows)) and np.all(np.diff(robustify) > 0)
     assert robustify[3] == pytest.approx(1e-3, rel=1e-6) and robustify[-1] < 9

@@ -374,7 +374,7 @@ class Diagnosis:
                 "hypotheses": sorted(models.of),
                 "free_of_the_base_model": [n.name for n in models.likelihood.base],
                 "variance_scale": models.scale,
-                "heavy_tails": models.likelihood.heavy,
+                "heavy_tails": models.likelihood.rules.tail,
             },
             differ=[d.at(after.fitted.values) for d in differ],
             files=files,

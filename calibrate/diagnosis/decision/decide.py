@@ -12,7 +12,7 @@ from scipy.special import ndtr
 from calibrate.diagnosis.evidence.models import HOW_MANY, INEXACT, Models
 from calibrate.diagnosis.hypotheses.model import Fitted
 from calibrate.diagnosis.likelihood.locate import between_samples, misfit
-from calibrate.diagnosis.likelihood.structure import HALF_STAYS, may_stay, structured
+from calibrate.diagnosis.likelihood.structure import may_stay, structured
 from calibrate.diagnosis.outside.patterns import Pattern, pattern_in
 from calibrate.diagnosis.screening.screen import SEEN, Screened
 
@@ -38,12 +38,6 @@ NEARLY_ALL = 0.95
 # taken for an error of the delay.
 DEFINED = frozenset({"base-offset", "tip-offset", "base-gain", "tip-gain", "crosstalk", "time-skew"})
 OF_DEFINED = 0.1
-# Nothing is claimed below a drop of `SEEN` standard errors: errors of the mesh and of the first-order
-# dimensions may be as large. In a long recording, those of the base tension's corners grow with the readings:
-# nothing is claimed below this drop of the sum of squares for each of the tip's. On a sound recording made as
-# rigs make them viscous friction gained 0.015; on another an offset and a saturation of the tip's cell, which
-# were there, 0.4.
-FOR_EACH = 0.03
 
 
 @dataclasses.dataclass(frozen=True)
@@ -153,11 +147,11 @@ def decide(models: Models) -> Decision:
 
 
 def least_drop(models: Models) -> float:
-    """Drop of the sum of squares below which nothing is claimed."""
-    if models.likelihood.heavy is None:
-        return SEEN**2
+    """Drop of the sum of squares below which nothing is claimed: that of `SEEN` standard errors, because
+    errors of the mesh and of the first-order dimensions may be as large; more in long recordings.
+    """
     parts = [rig.part for rig in models.likelihood.rigs]
-    return max(SEEN**2, FOR_EACH * sum(part.explained * int(part.counted.sum()) for part in parts))
+    return max(SEEN**2, models.likelihood.rules.least_drop(parts))
 
 
 def narrowed(models: Models, decision: Decision, beaten: Sequence[tuple[str, ...]]) -> Decision:
@@ -205,10 +199,9 @@ def decide_extended(models: Models, chosen: Fitted, nearest: Decision) -> Decisi
         _gathered(models, chosen, probability, confusion, holds),
         base_left=nearest.base_left,
         regular=pattern is not None,
+        may_stay=models.likelihood.rules.may_stay(left),
         pays=True,
     )
-    if models.likelihood.heavy is not None:
-        quantities = dataclasses.replace(quantities, may_stay=HALF_STAYS)
     if verdict(quantities).name == UNEXPLAINED:
         confusion = []
     return Decision(quantities, chosen, confusion, probability, pattern)

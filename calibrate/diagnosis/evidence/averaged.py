@@ -165,7 +165,8 @@ def averaged(
             components.append(_Component(marginal.fitted.numbers, drawn, max(p, LEAST)))
     own = max(probability.get(chosen.names, 0.0), LEAST)
     likelihood = models.likelihood
-    scale = likelihood.scale_left(chosen) if leaves or likelihood.heavy is not None else models.scale
+    unknown = leaves or likelihood.rules.error_of_unknown_cause
+    scale = likelihood.scale_left(chosen) if unknown else models.scale
     others = [h for h in models.of.values() if tuple(sorted((*chosen.names, h.name))) not in known]
     besides = _no_likelier_than_refitted(_beside(models, chosen, shown, others, scale), chosen, probability)
     hidden = [(b, _hidden(shown, b, own * b.odds, rng)) for b in besides]

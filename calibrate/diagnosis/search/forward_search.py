@@ -244,7 +244,7 @@ class Unseen:
 
     def __init__(self, models: Models, *, pieces: bool = False, rows: bool = False):
         self.models, self.pieces = models, pieces
-        self.rows = rows or models.likelihood.heavy is not None
+        self.rows = rows or models.likelihood.rules.judged_by_all_rows
         # Of each model, the cost of the fit that was judged, and what it leaves of each part.
         self._known: dict[tuple[str, ...], tuple[float, np.ndarray]] = {}
 
