@@ -16,6 +16,8 @@ from calibrate.planning.experiment import Experiment, propose
 from gtr_jax import Recording, Robot, RobotConfig
 
 from .answer.result import BAD_DATA, Diagnosis, Loop, Pull, Rival
+from .base.load import names_of
+from .base.prepare import Prepared, Undiagnosable, prepare
 from .decision.decide import (
     Decision,
     decide,
@@ -38,7 +40,6 @@ from .likelihood.locate import cycles_in, locate, mu_by_stratum, phases_of, rati
 from .likelihood.structure import structured
 from .outside.episodes import episodes
 from .outside.leave_out import Stretch, asked_for, from_outside, left_out, where_still
-from .prepare import Prepared, names_of, prepare
 from .screening.pairs import promising
 from .screening.screen import STARTS_EACH, Screened, firm_fit, merged, screen
 from .search.differ import still_differ
@@ -120,8 +121,8 @@ def diagnose(
                 leave_out=leave_out,
                 untried=without,
             )
-            if isinstance(ready, Diagnosis):
-                return ready, None
+            if isinstance(ready, Undiagnosable):
+                return Diagnosis.without_answer(BAD_DATA, *ready), None
             found = _search(ready, ready.leave_out, experiment, say)
             if found is not None:
                 return found, ready

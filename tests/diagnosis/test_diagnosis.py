@@ -16,6 +16,7 @@ from command_line import run_gtr
 import calibrate
 import gtr_jax as gtr
 from calibrate.diagnosis.answer.sentence import sentence, sets_in_words
+from calibrate.diagnosis.base.prepare import Prepared, prepare
 from calibrate.diagnosis.decision import decide
 from calibrate.diagnosis.evidence.models import Models
 from calibrate.diagnosis.hypotheses.hypotheses import (
@@ -31,7 +32,6 @@ from calibrate.diagnosis.likelihood.likelihood import Likelihood
 from calibrate.diagnosis.likelihood.locate import cycles_of, ratio_of_branches
 from calibrate.diagnosis.likelihood.recording_length import ShortRecordings
 from calibrate.diagnosis.outside.patterns import Pattern, pattern_in
-from calibrate.diagnosis.prepare import prepare
 from calibrate.diagnosis.screening.screen import screen
 from calibrate.fitting.fit import part_of
 from calibrate.inference.number import Number
@@ -486,7 +486,7 @@ def test_a_rough_stretch_is_among_the_first():
         name: np.asarray(getattr(run, name)) + sd * rng.normal(size=len(run)) for name, sd in noise.items()
     }
     ready = prepare(gtr.load_config(folder / "robot.toml"), dataclasses.replace(run, **noisy))
-    assert not isinstance(ready, calibrate.Diagnosis)
+    assert isinstance(ready, Prepared)
     screened = screen(ready.likelihood, ready.base, ready.hypotheses)
     assert screened[0].hypothesis.name == "local-friction.stretch"
 

@@ -11,6 +11,7 @@ import pytest
 
 import calibrate
 import gtr_jax as gtr
+from calibrate.diagnosis.base.prepare import Prepared, prepare
 from calibrate.diagnosis.decision import decide
 from calibrate.diagnosis.decision.verdict import Quantities
 from calibrate.diagnosis.diagnose import _on_all
@@ -20,7 +21,6 @@ from calibrate.diagnosis.likelihood.held_out import _when_known
 from calibrate.diagnosis.likelihood.recording_length import LongRecordings, ShortRecordings
 from calibrate.diagnosis.outside.episodes import ALONE, RELAXES, SLIPPING, TOGETHER, _kind, _runs, episodes
 from calibrate.diagnosis.outside.leave_out import ASKED, Stretch, asked_for, from_outside, left_out, without
-from calibrate.diagnosis.prepare import Prepared, prepare
 from calibrate.diagnosis.search import forward_search as further
 from calibrate.inference.number import Number
 from calibrate.inference.setup import Observation
