@@ -384,7 +384,7 @@ def check_noise(noise_N: float | None, parts: Sequence[Observation]) -> None:
 
 
 def check_columns(recording: Recording, robot: Robot) -> None:
-    """Refuse a recording that has not a column for each tendon, and no more.
+    """Refuse a recording that does not have exactly one column for each tendon.
 
     Raises:
         InputError: naming the recording, the quantity and the shape that it should have.

@@ -99,7 +99,7 @@ def names_of(recordings: Sequence[Recording]) -> list[str]:
 
 
 def _check_names(robot: Robot, untried: Sequence[str]) -> None:
-    """InputError if a name among the terms that are not tried is none of a term."""
+    """InputError if a name among the terms that are not tried belongs to no term."""
     for name in untried:
         if name not in robot.catalogue:
             near = ", ".join(nearest_first(excerpt(name), robot.catalogue)[:NEAREST])

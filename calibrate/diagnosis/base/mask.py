@@ -34,7 +34,7 @@ def mask(
         more = [] if start is None else _from_outside(as_asked, start)
         if start is None or not more:
             break
-        say("leaving out where the tip moves as the base cannot move it, and behind gaps")
+        say("leaving out where the tip moves in a way that the base cannot have caused, and after gaps")
         without_them = [without(as_asked, [*asked, *more])]
         again = fits.fit(without_them, start.base.x)
         if again is None:
@@ -45,7 +45,7 @@ def mask(
 
 def _from_outside(part: Observation, start: Start) -> list[Stretch]:
     """What of a long recording no model of its load history can know, by the base model fitted to it: where
-    something from outside moves the tip, and behind gaps.
+    something from outside moves the tip, and after gaps.
     """
     rig, robot, thinned = start.exact[0], part.robot, start.full[0]
     if part.tips != 1 or part.others or robot.tendons[0].drive != "tension":

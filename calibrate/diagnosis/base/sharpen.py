@@ -24,7 +24,7 @@ def sharpen(
     sharper = _sharpened(start, [recorded(r, fits.robot)[0] for r in recordings])
     if sharper is None:
         return start
-    say("fitting again, the base tension's corners put where the tip tells")
+    say("fitting again, with the corners of the base tension placed by the tip")
     again = fits.fit(sharper, start.base.x, start.likelihood.base, start.likelihood.dimensions)
     return start if again is None else _better(start, again)
 

@@ -24,7 +24,7 @@ def split(
     """
     differ: list[Difference] = []
     while start is not None and fits.several and len(differ) < MOST:
-        say("asking whether one number differs between the recordings")
+        say("testing whether one number differs between the recordings")
         possible = hypotheses_of(fits.coarse, start.base, start.full, fits.untried)
         found = differing(start.likelihood, start.base, fits.robot, possible)
         if found is None:
