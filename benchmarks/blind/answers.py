@@ -16,7 +16,8 @@ from typing import Any
 
 import calibrate
 import gtr_jax as gtr
-from calibrate.diagnosis.prepare import prepare
+from calibrate.diagnosis.answer.result import BAD_DATA
+from calibrate.diagnosis.base.prepare import Undiagnosable, prepare
 from calibrate.inference.parallel import use_threads
 from calibrate.inference.simulation_cache import SimulationCache
 from gtr_jax.cache import enable_cache
@@ -60,7 +61,7 @@ def answer(folder: Path) -> dict[str, Any]:
         found = calibrate.diagnose(robot, recording, experiment=False, steps=steps)
         took = time.perf_counter() - began
         ready = prepare(robot, recording, cache=SimulationCache(steps))
-        simpler = {} if isinstance(ready, calibrate.Diagnosis) else baselines.of(ready)
+        simpler = {} if isinstance(ready, Undiagnosable) else baselines.of(ready)
     return _told(found, len(recording), took) | {"baselines": simpler}
 
 
@@ -143,8 +144,8 @@ def alone() -> None:
 def only_features(folder: Path) -> dict[str, Any]:
     """What the baselines make of a case."""
     ready = prepare(gtr.load_config(folder / "robot.toml"), gtr.read_recording(folder / "recording.csv"))
-    if isinstance(ready, calibrate.Diagnosis):
-        return {"verdict": ready.verdict, "baselines": {}}
+    if isinstance(ready, Undiagnosable):
+        return {"verdict": BAD_DATA, "baselines": {}}
     return {"verdict": "", "baselines": {"features": baselines.features(ready)}}
 
 

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from calibrate.diagnosis.decision.decide import structured
+from calibrate.diagnosis.base.prepare import Prepared
 from calibrate.diagnosis.likelihood.likelihood import Model
 from calibrate.diagnosis.likelihood.locate import PHASES, cycles_of, misfit, phases_of
-from calibrate.diagnosis.prepare import Prepared
+from calibrate.diagnosis.likelihood.structure import structured
 
 # Step at null, in standard deviations of the prior; share of sound recordings that may be called otherwise.
 SMALL, FALSE = 0.05, 0.02

@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 
 import gtr_jax as gtr
+from calibrate.diagnosis.base.fit import deviations_of
+from calibrate.diagnosis.base.may_be_missing import hypotheses_of
 from calibrate.diagnosis.hypotheses.hypotheses import base_numbers
 from calibrate.diagnosis.hypotheses.model import Fitted
 from calibrate.diagnosis.likelihood.follow import dimensions_of
 from calibrate.diagnosis.likelihood.likelihood import Likelihood
-from calibrate.diagnosis.prepare import deviations_of, hypotheses_of
 from calibrate.diagnosis.screening.screen import STARTS_EACH, screen
 from calibrate.diagnosis.search.search import refit_best
 from calibrate.fitting.fit import part_of

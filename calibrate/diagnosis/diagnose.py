@@ -18,19 +18,17 @@ from gtr_jax import Recording, Robot, RobotConfig
 from .answer.gathered import gathered
 from .answer.loop import Loop, Pull
 from .answer.result import BAD_DATA, Diagnosis, Rival
+from .base.load import names_of
+from .base.prepare import Prepared, Undiagnosable, prepare
 from .decision.decide import (
-    DISCOVERED,
-    PARTLY,
-    UNEXPLAINED,
     Decision,
     decide,
-    decide_combined,
     decide_discovered,
-    decide_partly,
+    decide_extended,
     narrowed,
-    structured,
     with_unseen,
 )
+from .decision.verdict import AMBIGUOUS, DISCOVERED, PARTLY, UNEXPLAINED
 from .evidence.averaged import averaged
 from .evidence.marginal import Marginal, jointly
 from .evidence.models import HOW_MANY, Models
@@ -41,9 +39,9 @@ from .laws.discovery import Discovery, discover
 from .likelihood.held_out import held_out
 from .likelihood.likelihood import Likelihood
 from .likelihood.locate import cycles_in, locate, mu_by_stratum, phases_of, ratio_of_branches
+from .likelihood.structure import structured
 from .outside.episodes import episodes
 from .outside.leave_out import Stretch, asked_for, from_outside, left_out, where_still
-from .prepare import Prepared, names_of, prepare
 from .screening.pairs import promising
 from .screening.screen import STARTS_EACH, Screened, firm_fit, merged, screen
 from .search.differ import still_differ
@@ -111,7 +109,7 @@ def diagnose(
     own = dict(zip(names_of(recordings), recordings, strict=True))
     leave_out = asked_for(own, exclude)
 
-    def answer() -> Diagnosis:
+    def answer() -> tuple[Diagnosis, Prepared | None]:
         for may_differ in (True, False):
             ready = prepare(
                 robot,
@@ -125,23 +123,23 @@ def diagnose(
                 leave_out=leave_out,
                 untried=without,
             )
-            if isinstance(ready, Diagnosis):
-                return ready
+            if isinstance(ready, Undiagnosable):
+                return Diagnosis.without_answer(BAD_DATA, *ready), None
             found = _search(ready, ready.leave_out, experiment, say)
             if found is not None:
-                return found
+                return found, ready
             say("with what was found the recordings agree: trying again with one value for all")
         raise AssertionError("a search in which nothing differs has an answer")
 
     try:
-        found = answer()
+        found, ready = answer()
         samples = {name: len(r) for name, r in own.items()}
-        if found.verdict == PARTLY and not found.settings["heavy_tails"]:
+        if found.verdict == PARTLY and ready and not ready.likelihood.rules.looks_outside:
             more = from_outside(found.episodes, samples, leave_out, _events(found))
             if more is not None:
                 say("leaving out the episodes in which something outside the model acts, and trying again")
                 leave_out = more
-                again = answer()
+                again, _ = answer()
                 found = again if _leaves_less(again, found) else found
         for _ in range(STILL_ROUNDS + len(recordings) - 1):
             still = where_still(found.pattern, samples, leave_out)
@@ -149,7 +147,7 @@ def diagnose(
                 break
             say("leaving out readings that stand still, and trying again")
             leave_out = still
-            again = answer()
+            again, _ = answer()
             if not _leaves_less(again, found):
                 break
             found = again
@@ -238,7 +236,7 @@ def _search(
             ready, leave_out, (whole, decision) = less, outside, again
     discovery = _discovered(whole, decision, say)
     if discovery is not None:
-        whole, decision = discovery.models, decide_discovered(discovery.models, discovery, decision)
+        whole, decision = discovery.models, decide_discovered(discovery.models, discovery)
     decision = with_unseen(decision, whole, screened)
     chosen = decision.chosen
     if ready.differ and chosen.names and decision.verdict != UNEXPLAINED:
@@ -275,7 +273,7 @@ def _discovered(models: Models, decision: Decision, say: Callable[[str], None]) 
     if robot.space or robot.tendon_names or robot.tendon.drive != "tension":
         return None
     heads = [decision.chosen] if decision.verdict == PARTLY else []
-    if models.likelihood.heavy is None or not heads:
+    if models.likelihood.rules.laws_beside_the_base or not heads:
         heads = [models.base, *heads]
     room = (head for head in heads if len(head.names) + 1 < len(HOW_MANY))
     return next((found for head in room if (found := discover(models, head, say)) is not None), None)
@@ -300,9 +298,8 @@ def _decided(
     decision = decide(whole)
     if structured(decision.left) and decision.pattern is None:
         best = forward_search(whole, decision.chosen, say) if known is None else whole.stored(known)
-        partly = decide_partly(whole, best, decision)
-        decision = partly if structured(partly.left) else decide_combined(whole, best, decision)
-    if whole.likelihood.heavy is not None:
+        decision = decide_extended(whole, best, decision)
+    if whole.likelihood.rules.unseen_narrow:
         # Long recordings have cycles enough to tell by.
         decision = narrowed(whole, decision, beaten(whole, decision.chosen, decision.confusion))
     return whole, decision
@@ -315,7 +312,7 @@ def _outside(
     far off count less; None where that is nothing.
     """
     time = ready.parts[0].time
-    if models.likelihood.heavy is None or time is None:
+    if not models.likelihood.rules.looks_outside or time is None:
         return None
     samples = {part.name: part.samples for part in ready.parts}
     events = _events_of(chosen.values, float(time[0]))
@@ -328,7 +325,7 @@ def _on_all(
     """The most probable models, and the base model, refitted to all samples; None if that fails."""
     few = models.likelihood
     likelihood = Likelihood(
-        rigs=tuple(rigs), base=few.base, dimensions=few.dimensions, heavy=few.heavy, untried=few.untried
+        rigs=tuple(rigs), base=few.base, dimensions=few.dimensions, rules=few.rules, untried=few.untried
     )
     whole = Models(likelihood, list(models.of.values()))
     ranked = models.ranked()
@@ -358,7 +355,7 @@ def _on_all(
     whole.mend()
     if () not in whole.fits:
         return None
-    return whole if whole.likelihood.heavy is None else _weighed_by_the_best(whole)
+    return _weighed_by_the_best(whole) if whole.likelihood.rules.weighed_by_the_best else whole
 
 
 def _weighed_by_the_best(models: Models) -> Models:
@@ -370,7 +367,7 @@ def _weighed_by_the_best(models: Models) -> Models:
 
     def on_its_own(f: Fitted) -> tuple[float, Likelihood] | None:
         own = dataclasses.replace(
-            likelihood.weighed(f.values, f.seen, likelihood.noise), heavy=likelihood.heavy
+            likelihood.weighed(f.values, f.seen, likelihood.noise), rules=likelihood.rules
         )
         again = own.refit(models.hypotheses(f.names), f.x, most=4, exact=False)
         return None if again is None else (again.cost + own.log_determinant, own)
@@ -434,7 +431,7 @@ def _answer(
     average = averaged(models, chosen, decision.probability, marginals, leaves=leaves)
     pieces = discovery is not None and discovery.pieces
     scores = held_out(likelihood, [(models.hypotheses(f.names), f) for f in compared], pieces=pieces)
-    wanted = decision.verdict == "ambiguous" if experiment is None else experiment
+    wanted = decision.verdict == AMBIGUOUS if experiment is None else experiment
     proposal: Experiment | None = None
     if wanted and chosen.names:
         say("looking for the experiment that would decide")

@@ -11,7 +11,8 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from calibrate.diagnosis.decision.decide import UNEXPLAINED, Decision
+from calibrate.diagnosis.decision.decide import Decision
+from calibrate.diagnosis.decision.verdict import UNEXPLAINED
 from calibrate.diagnosis.evidence.models import Models
 from calibrate.diagnosis.hypotheses.model import Fitted
 from calibrate.inference.channels import Orientation, quantity_of

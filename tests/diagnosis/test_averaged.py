@@ -14,6 +14,7 @@ from calibrate.diagnosis.evidence.marginal import Marginal
 from calibrate.diagnosis.evidence.models import BELIEVED, HOW_MANY, Models
 from calibrate.diagnosis.hypotheses.hypotheses import Hypothesis
 from calibrate.diagnosis.hypotheses.model import Fitted, Point, model_of
+from calibrate.diagnosis.likelihood.recording_length import ShortRecordings
 from calibrate.inference.number import Number
 
 MU = Number(name="mu", unit="", centre=0.2, sd=0.5, log=False)
@@ -33,7 +34,7 @@ class Linear:
     columns: dict[str, np.ndarray]
     base: tuple[Number, ...] = (MU,)
     follow: Any = None
-    heavy: float | None = None
+    rules = ShortRecordings()
     dimensions: tuple[Number, ...] = ()
     effects: tuple[Hypothesis, ...] = ()
 

@@ -11,6 +11,7 @@ import calibrate
 import gtr_jax as gtr
 from calibrate.diagnosis.decision import decide
 from calibrate.diagnosis.likelihood.locate import between_samples
+from calibrate.diagnosis.likelihood.recording_length import ShortRecordings
 from calibrate.diagnosis.search import forward_search
 
 # Recordings of the machine of the blind benchmark, of seeds that it does not score.
@@ -67,26 +68,24 @@ def test_all_effects_are_named_where_an_error_of_one_law_cannot_be_what_is_left(
     kinds = {"a": "a", "a.tip": "a", "b": "b", "c": "c"} | exact
     models = SimpleNamespace(
         base=base,
-        probabilities_given_discrepancy=lambda f: {("a", "b"): 1.0},
+        probabilities_given_discrepancy=lambda f: {("a", "b"): 1.0, (): 0.0},
         stored=lambda f: f,
         fits={alone.names: alone} if alone.names[0] in exact else {},
-        likelihood=SimpleNamespace(scale_left=lambda f: 1.0),
+        likelihood=SimpleNamespace(scale_left=lambda f: 1.0, rigs=[], rules=ShortRecordings()),
         of={name: SimpleNamespace(kind=kind) for name, kind in kinds.items()},
     )
     before = SimpleNamespace(verdict="as-before", chosen=base)
     monkeypatch.setattr(decide, "decide", lambda m: before)
     monkeypatch.setattr(decide, "between_samples", lambda likelihood, f: between)
     monkeypatch.setattr(decide, "misfit", lambda likelihood, f: (0.1, 0.3))
-    monkeypatch.setattr(decide, "_told_apart", lambda *some: ([("a", "b")], True))
+    monkeypatch.setattr(decide, "_told_apart", lambda *some: ([("a", "b")], 1.0))
     nearest = decide.Decision(
-        verdict="missing-physics",
+        quantities=cast(Any, SimpleNamespace(base_left=(3.3, 270.0))),
         chosen=cast(Any, alone),
         confusion=[alone.names],
         probability={alone.names: 1.0},
-        left=(1.2, 24.0),
-        base_left=(3.3, 270.0),
     )
-    found = decide.decide_combined(cast(Any, models), cast(Any, whole), nearest)
+    found = decide.decide_extended(cast(Any, models), cast(Any, whole), nearest)
     assert (found.verdict, found.chosen.names) == (verdict, chosen)
     if chosen:
         assert found.confusion == [("a", "b")] and found.left == (0.1, 0.3)
@@ -126,7 +125,7 @@ def test_a_model_is_judged_again_once_a_much_better_fit_of_it_is_found(monkeypat
         return np.asarray([[[f.cost, 1, f.cost, 1]] * 4 for _, f in models])
 
     monkeypatch.setattr(forward_search, "by_fold", by_fold)
-    likelihood = SimpleNamespace(heavy=None, scale_left=lambda f: 1.0)
+    likelihood = SimpleNamespace(rules=ShortRecordings(), scale_left=lambda f: 1.0)
     unseen = forward_search.Unseen(
         cast(Any, SimpleNamespace(likelihood=likelihood, hypotheses=lambda names: names))
     )

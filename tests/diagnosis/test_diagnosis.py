@@ -16,6 +16,7 @@ from command_line import run_gtr
 import calibrate
 import gtr_jax as gtr
 from calibrate.diagnosis.answer.sentence import sentence, sets_in_words
+from calibrate.diagnosis.base.prepare import Prepared, prepare
 from calibrate.diagnosis.decision import decide
 from calibrate.diagnosis.evidence.models import Models
 from calibrate.diagnosis.hypotheses.hypotheses import (
@@ -29,8 +30,8 @@ from calibrate.diagnosis.hypotheses.hypotheses import (
 from calibrate.diagnosis.hypotheses.model import Fitted
 from calibrate.diagnosis.likelihood.likelihood import Likelihood
 from calibrate.diagnosis.likelihood.locate import cycles_of, ratio_of_branches
+from calibrate.diagnosis.likelihood.recording_length import ShortRecordings
 from calibrate.diagnosis.outside.patterns import Pattern, pattern_in
-from calibrate.diagnosis.prepare import prepare
 from calibrate.diagnosis.screening.screen import screen
 from calibrate.fitting.fit import part_of
 from calibrate.inference.number import Number
@@ -89,7 +90,9 @@ def models_of(squares):
         fits[names] = SimpleNamespace(
             names=names, cost=chi2, prior=0.0, chi2=chi2, rows=rows, volume=lambda v=volume: v
         )
-    likelihood: Any = SimpleNamespace(readings=500, heavy=None, mean_square=lambda f: f.chi2 / 500)
+    likelihood: Any = SimpleNamespace(
+        readings=500, rigs=[], rules=ShortRecordings(), mean_square=lambda f: f.chi2 / 500
+    )
     known = {name for names in squares for name in names} | {f"h{k}" for k in range(35)}
     hypotheses: Any = [SimpleNamespace(name=name, kind=name.partition(".")[0]) for name in sorted(known)]
     models = Models(likelihood, hypotheses)
@@ -484,7 +487,7 @@ def test_a_rough_stretch_is_among_the_first():
         name: np.asarray(getattr(run, name)) + sd * rng.normal(size=len(run)) for name, sd in noise.items()
     }
     ready = prepare(gtr.load_config(folder / "robot.toml"), dataclasses.replace(run, **noisy))
-    assert not isinstance(ready, calibrate.Diagnosis)
+    assert isinstance(ready, Prepared)
     screened = screen(ready.likelihood, ready.base, ready.hypotheses)
     assert screened[0].hypothesis.name == "local-friction.stretch"
 

@@ -13,8 +13,8 @@ from command_line import run_gtr
 import calibrate
 import gtr_jax as gtr
 from calibrate.diagnosis.answer.robots import _labels
+from calibrate.diagnosis.base.prepare import Prepared, prepare
 from calibrate.diagnosis.likelihood.locate import locate, mu_by_stratum
-from calibrate.diagnosis.prepare import Prepared, prepare
 from calibrate.inference.number import values_in
 from calibrate.inference.simulated_rig import SimulatedRig
 from gtr_jax.simulation.history import padded_length

@@ -12,8 +12,8 @@ from test_averaged import Linear
 
 import calibrate
 import gtr_jax as gtr
-from calibrate.diagnosis.answer.result import Diagnosis
-from calibrate.diagnosis.decision.decide import DISCOVERED
+from calibrate.diagnosis.base.prepare import Prepared, prepare
+from calibrate.diagnosis.decision.verdict import DISCOVERED
 from calibrate.diagnosis.evidence.models import Models
 from calibrate.diagnosis.hypotheses.hypotheses import base_numbers, is_friction, is_stiffness
 from calibrate.diagnosis.laws import discovery
@@ -43,7 +43,6 @@ from calibrate.diagnosis.laws.forms import (
 from calibrate.diagnosis.laws.found import _curve, with_law
 from calibrate.diagnosis.laws.places import LawPlace, places
 from calibrate.diagnosis.likelihood.held_out import _when_known, folds
-from calibrate.diagnosis.prepare import prepare
 from calibrate.fitting.fit import part_of
 from calibrate.inference.number import Number
 from calibrate.inference.simulated_rig import SimulatedRig
@@ -373,7 +372,7 @@ def likelihood_of(config, recording):
 def beside_nothing(config, recording):
     """The law that is found beside the base model."""
     prepared = prepare(config, recording)
-    assert not isinstance(prepared, Diagnosis)
+    assert isinstance(prepared, Prepared)
     models = Models(prepared.likelihood, prepared.hypotheses)
     models.add([prepared.base])
     return discover(models, prepared.base, lambda line: None)

@@ -11,6 +11,7 @@ from rigs import pulled, ramps
 
 from calibrate.diagnosis.decision.decide import least_drop
 from calibrate.diagnosis.likelihood.likelihood import without_zero
+from calibrate.diagnosis.likelihood.recording_length import LongRecordings, ShortRecordings
 from calibrate.diagnosis.outside.disturbances import FEW, behind_gaps, disturbances, within
 from calibrate.diagnosis.outside.leave_out import ASKED, Stretch, without
 from calibrate.inference.setup import Observation
@@ -242,8 +243,8 @@ def test_what_follows_a_gap_is_left_out_until_it_is_forgotten():
 def test_what_has_to_be_gained_grows_with_a_long_recording():
     part = SimpleNamespace(explained=1, counted=np.ones(3000, bool))
     long, short = (
-        SimpleNamespace(likelihood=SimpleNamespace(rigs=[SimpleNamespace(part=part)], heavy=heavy))
-        for heavy in (4.0, None)
+        SimpleNamespace(likelihood=SimpleNamespace(rigs=[SimpleNamespace(part=part)], rules=rules))
+        for rules in (LongRecordings(), ShortRecordings())
     )
     assert least_drop(cast("Any", long)) == pytest.approx(90.0)
     assert least_drop(cast("Any", short)) == 36.0

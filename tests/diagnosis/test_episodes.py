@@ -11,14 +11,16 @@ import pytest
 
 import calibrate
 import gtr_jax as gtr
+from calibrate.diagnosis.base.prepare import Prepared, prepare
 from calibrate.diagnosis.decision import decide
+from calibrate.diagnosis.decision.verdict import Quantities
 from calibrate.diagnosis.diagnose import _on_all
 from calibrate.diagnosis.evidence.models import Models
 from calibrate.diagnosis.hypotheses.hypotheses import EVENTS, Hypothesis
 from calibrate.diagnosis.likelihood.held_out import _when_known
+from calibrate.diagnosis.likelihood.recording_length import LongRecordings, ShortRecordings
 from calibrate.diagnosis.outside.episodes import ALONE, RELAXES, SLIPPING, TOGETHER, _kind, _runs, episodes
 from calibrate.diagnosis.outside.leave_out import ASKED, Stretch, asked_for, from_outside, left_out, without
-from calibrate.diagnosis.prepare import Prepared, prepare
 from calibrate.diagnosis.search import forward_search
 from calibrate.inference.number import Number
 from calibrate.inference.setup import Observation
@@ -171,40 +173,38 @@ def test_when_an_event_happens_is_not_asked_of_other_cycles():
 
 
 def test_part_of_a_misfit(monkeypatch):
-    best, base = SimpleNamespace(names=("h1",)), SimpleNamespace(names=())
+    best, base = SimpleNamespace(names=("h1",), cost=200.0), SimpleNamespace(names=(), cost=900.0)
     fits = {("h1",): best, (): base}
     sure = {("h1",): 0.999, (): 0.001}
     models = SimpleNamespace(
-        likelihood=SimpleNamespace(scale_left=lambda f: 1.0, heavy=None),
+        likelihood=SimpleNamespace(scale_left=lambda f: 1.0, rigs=[], rules=ShortRecordings()),
         base=base,
         fits=fits,
         probabilities_given_discrepancy=lambda f: sure,
-        of={},
+        of={"h1": SimpleNamespace(kind="h1")},
     )
     nearest = decide.Decision(
-        verdict="unexplained",
+        quantities=cast(Any, SimpleNamespace(base_left=(10.0, 900.0))),
         chosen=cast(Any, base),
         confusion=[],
         probability={},
-        left=(9, 99),
-        base_left=(10.0, 900.0),
     )
     monkeypatch.setattr(decide, "pattern_in", lambda likelihood, f: None)
-    monkeypatch.setattr(decide, "_told_apart", lambda *some: ([("h1",)], True))
+    monkeypatch.setattr(decide, "_told_apart", lambda *some: ([("h1",)], 1.0))
 
     def verdict(left):
         monkeypatch.setattr(decide, "misfit", lambda likelihood, f: left)
-        return decide.decide_partly(models, best, nearest)  # type: ignore[arg-type]
+        return decide.decide_extended(models, best, nearest)  # type: ignore[arg-type]
 
     found = verdict((3.0, 80.0))
     assert found.verdict == "partly-explained" and found.confusion == [("h1",)] and found.chosen is best
     assert verdict((8.0, 800.0)).verdict == "unexplained"  # most of the structure stays
     # In a long recording, where every effect pays on unseen cycles, half of it in squares may stay.
     assert verdict((6.0, 500.0)).verdict == "unexplained"
-    models.likelihood.heavy = 4.0
+    models.likelihood.rules = LongRecordings()
     assert verdict((6.0, 500.0)).verdict == "partly-explained"
     assert verdict((8.0, 800.0)).verdict == "unexplained"
-    models.likelihood.heavy = None
+    models.likelihood.rules = ShortRecordings()
     sure[("h1",)], sure[()] = 0.5, 0.5
     assert verdict((3.0, 80.0)).verdict == "unexplained"
 
@@ -224,7 +224,7 @@ def test_an_effect_pays_on_unseen_samples_or_is_not_kept(monkeypatch):
             [[[s, 1, s, 1] for s in by[f.names]] for _, f in models]
         ),
     )
-    likelihood = SimpleNamespace(heavy=None, scale_left=lambda f: 1.0)
+    likelihood = SimpleNamespace(rules=ShortRecordings(), scale_left=lambda f: 1.0)
     models = SimpleNamespace(likelihood=likelihood, hypotheses=lambda names: [])
     unseen = forward_search.Unseen(models)  # type: ignore[arg-type]
     assert unseen.best(head, [good, little]) is good  # type: ignore[arg-type]
@@ -250,14 +250,24 @@ SHEATH = {
 def test_a_smaller_model_is_no_rival_where_it_predicts_worse():
     best = SimpleNamespace(names=("h1", "h2"))
     models = SimpleNamespace(of={n: SimpleNamespace(kind=n) for n in ("h1", "h2", "h3")})
-    found = decide.Decision(
-        verdict="ambiguous",
-        chosen=cast(Any, best),
-        confusion=[("h1", "h2"), ("h1",)],
-        probability={("h1", "h2"): 0.7, ("h1",): 0.25, (): 0.05},
+    quantities = Quantities(
+        effects=2,
+        missing=0.98,
+        drop=500.0,
+        least_drop=36.0,
         left=(0.1, 1.0),
         base_left=(10.0, 900.0),
+        may_stay=0.55,
+        holds=0.7,
+        rivals=2,
     )
+    found = decide.Decision(
+        quantities=quantities,
+        chosen=cast(Any, best),
+        confusion=[("h1", "h2"), ("h1",)],
+        probability={("h1", "h2"): 0.7, ("h1",): 0.28, (): 0.02},
+    )
+    assert found.verdict == "ambiguous"
     told = decide.narrowed(models, found, [("h1",)])  # type: ignore[arg-type]
     assert told.verdict == "missing-physics" and told.confusion == [("h1", "h2")]
     assert decide.narrowed(models, found, []) is found  # type: ignore[arg-type]

@@ -2,6 +2,8 @@
 
 import dataclasses
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from calibrate.diagnosis.hypotheses.hypotheses import (
     zero_drift,
 )
 from calibrate.diagnosis.likelihood.likelihood import Likelihood
+from calibrate.diagnosis.likelihood.recording_length import LongRecordings, ShortRecordings, rules_for
 from calibrate.diagnosis.outside.episodes import AFTER_GAP, episodes
 from calibrate.diagnosis.outside.leave_out import from_outside
 from calibrate.fitting.fit import part_of
@@ -78,10 +81,27 @@ def test_heavy_tails_count_far_readings_a_little_more():
     rows = np.asarray([-30.0, -1e-3, 0.0, 1e-3, 0.5, 4.0, 30.0])
     assert Likelihood((), ()).robustify(rows) is rows
     c = 4.0
-    robustify = Likelihood((), (), heavy=c).robustify(rows)
+    robustify = LongRecordings(c).robustify(rows)
     np.testing.assert_allclose(robustify**2, c**2 * np.log1p(rows**2 / c**2))
     assert np.all(np.sign(robustify) == np.sign(rows)) and np.all(np.diff(robustify) > 0)
     assert robustify[3] == pytest.approx(1e-3, rel=1e-6) and robustify[-1] < 9
+
+
+def test_one_recording_with_a_time_and_a_thousand_samples_is_long():
+    one: Any = SimpleNamespace(time=np.zeros(1000), samples=1000, explained=1, counted=np.ones(1000, bool))
+    short, untimed = (SimpleNamespace(**{**vars(one), **less}) for less in ({"samples": 999}, {"time": None}))
+    assert isinstance(rules_for([one]), LongRecordings)
+    for parts in ([short], [untimed], [one, one]):
+        assert type(rules_for(cast(Any, parts))) is ShortRecordings
+    rows = np.asarray([-30.0, 0.0, 0.5, 8.0])
+    for rules in (LongRecordings(3.0), ShortRecordings()):
+        np.testing.assert_allclose(rules.unrobustify(rules.robustify(rows)), rows, rtol=1e-12)
+    # Rows are far off at four times what is usual, or at four standard deviations of the noise.
+    assert LongRecordings().adapted(lambda: np.asarray([-2.0, 2.0, 2.0])).tail == pytest.approx(
+        8 * 1.4826, rel=1e-3
+    )
+    assert LongRecordings(9.0).adapted(lambda: np.asarray([0.1, 0.1])).tail == 4.0
+    assert ShortRecordings().adapted(lambda: rows).tail is None
 
 
 def test_an_episode_behind_a_gap_says_so_and_is_no_event():

@@ -7,15 +7,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from calibrate.diagnosis.decision.decide import (
-    ADEQUATE,
-    AMBIGUOUS,
-    DISCOVERED,
-    MISSING,
-    PARTLY,
-    UNEXPLAINED,
-    Decision,
-)
+from calibrate.diagnosis.decision.decide import Decision
+from calibrate.diagnosis.decision.verdict import AMBIGUOUS, DISCOVERED, MISSING, PARTLY, verdict
 from calibrate.diagnosis.evidence.averaged import Averaged
 from calibrate.diagnosis.evidence.marginal import Marginal
 from calibrate.diagnosis.evidence.models import Models
@@ -35,7 +28,7 @@ from .change import Change
 from .loop import Loop
 from .result import Diagnosis, Rival
 from .robots import kinds, robot_files
-from .sentence import DIFFER, sentence
+from .sentence import sentence
 
 Names = tuple[str, ...]
 
@@ -73,26 +66,23 @@ def gathered(
         )
         for each in zip(*((loop.before, loop.after, loop.recorded) for loop in loops), strict=True)
     )
-    verdict = DIFFER if differ and decision.verdict == ADEQUATE else decision.verdict
-    if any(stretch.outside for stretch in left_out):
-        # What acts from outside is missing as well.
-        never = {MISSING: PARTLY, AMBIGUOUS: PARTLY, ADEQUATE: UNEXPLAINED, DIFFER: UNEXPLAINED}
-        verdict = never.get(verdict, verdict)
-    named = kinds(chosen.names) if verdict in (MISSING, AMBIGUOUS, PARTLY, DISCOVERED) else []
+    outside = any(stretch.outside for stretch in left_out)
+    told = verdict(dataclasses.replace(decision.quantities, differ=bool(differ), outside=outside)).name
+    named = kinds(chosen.names) if told in (MISSING, AMBIGUOUS, PARTLY, DISCOVERED) else []
     confusion = list(map(list, dict.fromkeys(tuple(kinds(names)) for names in decision.confusion)))
-    alone = verdict == MISSING or (verdict == PARTLY and len(confusion) == 1)
-    alone = alone or (verdict == DISCOVERED and not confusion)
+    alone = told == MISSING or (told == PARTLY and len(confusion) == 1)
+    alone = alone or (told == DISCOVERED and not confusion)
     laws = {} if discovery is None else discovery.laws
     fine = with_laws(fine, list(laws.values()))
     variants = []
     if alone and len(decision.confusion) > len(confusion):
-        told = " or ".join(" + ".join(names) for names in decision.confusion)
+        which = " or ".join(" + ".join(names) for names in decision.confusion)
         variants = [
-            f"The recordings do not show which of these it is, where it acts or in which form: {told}."
+            f"The recordings do not show which of these it is, where it acts or in which form: {which}."
         ]
     files, faults = robot_files(decision, after, refitted, differ, config, fine, laws)
     diagnosis = Diagnosis(
-        verdict=verdict,
+        verdict=told,
         says="",
         named=named if alone else [],
         confusion_set=([named] if named else []) if alone else confusion,
@@ -129,7 +119,7 @@ def gathered(
             "hypotheses": sorted(models.of),
             "free_of_the_base_model": [n.name for n in models.likelihood.base],
             "variance_scale": models.scale,
-            "heavy_tails": models.likelihood.heavy,
+            "heavy_tails": models.likelihood.rules.tail,
         },
         differ=[d.at(after.fitted.values) for d in differ],
         files=files,

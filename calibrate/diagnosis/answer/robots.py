@@ -9,7 +9,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from calibrate.diagnosis.decision.decide import UNEXPLAINED, Decision
+from calibrate.diagnosis.decision.decide import Decision
+from calibrate.diagnosis.decision.verdict import UNEXPLAINED
 from calibrate.diagnosis.evidence.marginal import Marginal
 from calibrate.diagnosis.laws.found import with_law
 from calibrate.diagnosis.search.differ import Difference

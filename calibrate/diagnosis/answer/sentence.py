@@ -6,15 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calibrate.diagnosis.decision.decide import (
-    ADEQUATE,
-    AMBIGUOUS,
-    DISCOVERED,
-    PARTLY,
-    UNEXPLAINED,
-    structured,
-)
+from calibrate.diagnosis.decision.verdict import ADEQUATE, AMBIGUOUS, DIFFER, DISCOVERED, PARTLY, UNEXPLAINED
 from calibrate.diagnosis.laws.found import HOOKS
+from calibrate.diagnosis.likelihood.structure import structured
 from calibrate.diagnosis.outside.leave_out import ASKED, STILL, LeftOut, moves
 from calibrate.diagnosis.search.differ import Difference
 from calibrate.fitting.verdict import in_unit
@@ -26,7 +20,6 @@ from gtr_jax.terms.law import VARIABLES
 
 from .result import Diagnosis
 
-DIFFER = "recordings-differ"
 # Residual, in units of the expected noise, above which the sentence calls it more than noise: of 86 sound
 # recordings of the blind benchmark, from which this is taken, one with a bad repeat reached 1.49.
 MORE = 1.5

@@ -1,4 +1,4 @@
-"""From the probabilities of the models to a verdict that can be defended."""
+"""The quantities that a verdict is decided from, gathered from the models, and the model that is shown."""
 
 from __future__ import annotations
 
@@ -12,33 +12,23 @@ from scipy.special import ndtr
 from calibrate.diagnosis.evidence.models import HOW_MANY, INEXACT, Models
 from calibrate.diagnosis.hypotheses.model import Fitted
 from calibrate.diagnosis.likelihood.locate import between_samples, misfit
+from calibrate.diagnosis.likelihood.structure import may_stay, structured
 from calibrate.diagnosis.outside.patterns import Pattern, pattern_in
 from calibrate.diagnosis.screening.screen import SEEN, Screened
+
+from .verdict import ALONE, AMBIGUOUS, MISSING, UNEXPLAINED, Quantities, Verdict, verdict
 
 if TYPE_CHECKING:
     from calibrate.diagnosis.laws.discovery import Discovery
 
 UNSEEN = "an effect too small to see"
-ADEQUATE, MISSING, AMBIGUOUS, UNEXPLAINED = "adequate", "missing-physics", "ambiguous", "unexplained"
-PARTLY, DISCOVERED = "partly-explained", "discovered"
-# An effect is named alone above the first probability. Otherwise a set holds the models that together reach
-# the second, each of them above the third.
-ALONE, TOGETHER, LEAST = 0.8, 0.98, 0.03
+# A set that the data do not tell apart holds the models that together reach the first probability, each of
+# them above the second.
+TOGETHER, LEAST = 0.98, 0.03
 # Most models in a set if less probable ones are taken in because the best cannot be named alone.
 MOST = 5
 # Models whose predictions differ by less than this many standard errors count as one for these data.
 ALIKE = 2.5
-# Structure left by the base model counts above this significance and this size in standard deviations of the
-# noise.
-LEFT_Z, LEFT_SIZE = 6.0, 0.35
-# Size above which structure counts even if neighbouring samples are not correlated. One repeat in four with
-# three times the noise has a size of 1.4; one of 206 sound recordings reached 1.47.
-VAST = 2.5
-# Structure left by the best effect counts above this significance, size and share of the size that the base
-# model leaves; the second share holds where the size exceeds `MUCH`.
-STAYS_Z, STAYS_SIZE, STAYS_SHARE, MUCH = 2.2, 0.3, (0.55, 0.42), 1.35
-# In a long recording, where every effect pays on unseen cycles, half of what is left in squares may stay.
-HALF_STAYS = 0.71
 # Some of several effects may be all there is if they explain this share of what all explain: laws are not
 # exact.
 NEARLY_ALL = 0.95
@@ -48,37 +38,46 @@ NEARLY_ALL = 0.95
 # taken for an error of the delay.
 DEFINED = frozenset({"base-offset", "tip-offset", "base-gain", "tip-gain", "crosstalk", "time-skew"})
 OF_DEFINED = 0.1
-# Nothing is claimed below this probability that something is missing, nor below a drop of `SEEN` standard
-# errors: errors of the mesh and of the first-order dimensions may be as large. In a long recording, those of
-# the base tension's corners grow with the readings: nothing is claimed below this drop of the sum of squares
-# for each of the tip's. On a sound recording made as rigs make them viscous friction gained 0.015; on another
-# an offset and a saturation of the tip's cell, which were there, 0.4.
-CLAIMED, FOR_EACH = 0.97, 0.03
 
 
 @dataclasses.dataclass(frozen=True)
 class Decision:
-    """A verdict.
+    """A verdict, and the model that is shown.
 
     Attributes:
-        verdict: "adequate", "missing-physics", "ambiguous", "partly-explained", "discovered" or
-            "unexplained".
+        quantities: what the verdict is decided from.
         chosen: the model that is shown; the base model where nothing is named.
         confusion: models that the data do not tell apart, the most probable first; by names of hypotheses.
         probability: of each model, the most probable first; `with_unseen` adds that of an effect too small to
             see.
-        left: structure the chosen model leaves: size in standard deviations of the noise, and significance.
-        base_left: the same for the base model.
         pattern: a regularity in the chosen model's residual that noise does not have; None if there is none.
     """
 
-    verdict: str
+    quantities: Quantities
     chosen: Fitted
     confusion: list[tuple[str, ...]]
     probability: dict[tuple[str, ...], float]
-    left: tuple[float, float]
-    base_left: tuple[float, float]
     pattern: Pattern | None = None
+
+    @property
+    def told(self) -> Verdict:
+        """The verdict and its reason."""
+        return verdict(self.quantities)
+
+    @property
+    def verdict(self) -> str:
+        """The verdict by its name."""
+        return self.told.name
+
+    @property
+    def left(self) -> tuple[float, float]:
+        """Structure that the model shown leaves: size in standard deviations of the noise, significance."""
+        return self.base_left if self.told.shows_base else self.quantities.left
+
+    @property
+    def base_left(self) -> tuple[float, float]:
+        """The same for the base model."""
+        return self.quantities.base_left
 
 
 def with_unseen(decision: Decision, models: Models, screened: Sequence[Screened]) -> Decision:
@@ -102,53 +101,57 @@ def _apart(a: Fitted, b: Fitted) -> float:
     return float(np.linalg.norm(a.rows - b.rows))
 
 
-def decide(models: Models) -> Decision:
-    """The verdict."""
-    probability = models.probabilities()
-    best, base = models.fits[tuple(sorted(next(iter(probability))))], models.base
-    base_left, left = misfit(models.likelihood, base), misfit(models.likelihood, best)
-    nothing = probability[()]
-    if not best.names or 1 - nothing < CLAIMED or base.cost - best.cost < least_drop(models):
-        pattern = pattern_in(models.likelihood, base)
-        verdict = UNEXPLAINED if structured(base_left) or pattern else ADEQUATE
-        return Decision(
-            verdict=verdict,
-            chosen=base,
-            confusion=[],
-            probability=probability,
-            left=base_left,
-            base_left=base_left,
-            pattern=pattern,
-        )
-    if most_stays(left, base_left):
-        pattern = pattern_in(models.likelihood, best)
-        if pattern or structured(left, STAYS_Z, STAYS_SIZE):
-            return Decision(
-                verdict=UNEXPLAINED,
-                chosen=best,
-                confusion=[],
-                probability=probability,
-                left=left,
-                base_left=base_left,
-                pattern=pattern,
-            )
-    confusion, alone = _told_apart(models, best, probability)
-    return Decision(
-        verdict=MISSING if alone else AMBIGUOUS,
-        chosen=best,
-        confusion=confusion,
-        probability=probability,
+def _gathered(
+    models: Models,
+    fitted: Fitted,
+    probability: dict[tuple[str, ...], float],
+    confusion: list[tuple[str, ...]],
+    holds: float,
+) -> Quantities:
+    """The quantities of a model.
+
+    Args:
+        models: all that were refitted.
+        fitted: the model.
+        probability: of each.
+        confusion: models that the data do not tell apart.
+        holds: probability of all models that have the effects of the model.
+    """
+    left = misfit(models.likelihood, fitted)
+    return Quantities(
+        effects=len(fitted.names),
+        missing=1 - probability[()],
+        drop=models.base.cost - fitted.cost,
+        least_drop=least_drop(models),
         left=left,
-        base_left=base_left,
+        base_left=misfit(models.likelihood, models.base),
+        may_stay=may_stay(left),
+        holds=holds,
+        rivals=len({_kinds(models, names) for names in confusion}),
     )
 
 
+def decide(models: Models) -> Decision:
+    """The decision by the evidence of the models."""
+    probability = models.probabilities()
+    best = models.fits[tuple(sorted(next(iter(probability))))]
+    confusion, holds = _told_apart(models, best, probability)
+    quantities = _gathered(models, best, probability, confusion, holds)
+    chosen = models.base if verdict(quantities).shows_base else best
+    # A regularity takes time to find: it is looked for where it would leave the recording unexplained.
+    looked_for = verdict(dataclasses.replace(quantities, regular=True)).name == UNEXPLAINED
+    pattern = pattern_in(models.likelihood, chosen) if looked_for else None
+    quantities = dataclasses.replace(quantities, regular=pattern is not None)
+    named = verdict(quantities).name in (MISSING, AMBIGUOUS)
+    return Decision(quantities, chosen, confusion if named else [], probability, pattern)
+
+
 def least_drop(models: Models) -> float:
-    """Drop of the sum of squares below which nothing is claimed."""
-    if models.likelihood.heavy is None:
-        return SEEN**2
+    """Drop of the sum of squares below which nothing is claimed: that of `SEEN` standard errors, because
+    errors of the mesh and of the first-order dimensions may be as large; more in long recordings.
+    """
     parts = [rig.part for rig in models.likelihood.rigs]
-    return max(SEEN**2, FOR_EACH * sum(part.explained * int(part.counted.sum()) for part in parts))
+    return max(SEEN**2, models.likelihood.rules.least_drop(parts))
 
 
 def narrowed(models: Models, decision: Decision, beaten: Sequence[tuple[str, ...]]) -> Decision:
@@ -167,13 +170,19 @@ def narrowed(models: Models, decision: Decision, beaten: Sequence[tuple[str, ...
     holds = sum(
         p for names, p in decision.probability.items() if own <= _kinds(models, names) or names in beaten
     )
-    alone = holds >= ALONE and len({_kinds(models, names) for names in confusion}) == 1
-    return dataclasses.replace(decision, confusion=confusion, verdict=MISSING if alone else decision.verdict)
+    rivals = len({_kinds(models, names) for names in confusion})
+    quantities = dataclasses.replace(decision.quantities, holds=holds, rivals=rivals)
+    return dataclasses.replace(decision, quantities=quantities, confusion=confusion)
 
 
-def decide_partly(models: Models, chosen: Fitted, nearest: Decision) -> Decision:
-    """The verdict where a model leaves structure beyond the noise: its effects explain part of the misfit, or
-    too little of it to be named.
+def decide_extended(models: Models, chosen: Fitted, nearest: Decision) -> Decision:
+    """The decision on a model to which effects were added that pay on unseen samples, because structure was
+    left.
+
+    Where the model leaves structure too, its effects explain part of the misfit, or too little of it to be
+    named. Where it leaves none, all its effects are named if those found by the evidence alone leave more
+    than an error of their laws could; else the others may only make up for that error, and the evidence
+    decides.
 
     Args:
         models: all that were refitted.
@@ -181,45 +190,32 @@ def decide_partly(models: Models, chosen: Fitted, nearest: Decision) -> Decision
         nearest: what was decided before effects were added to it.
     """
     left = misfit(models.likelihood, chosen)
-    pattern = pattern_in(models.likelihood, chosen)
+    if not structured(left) and not _adds_to_inexact_laws(models, chosen, nearest):
+        return decide(models)
     probability = models.probabilities_given_discrepancy(chosen)
-    found = dataclasses.replace(
-        nearest, chosen=chosen, left=left, probability=probability, pattern=pattern, confusion=[]
+    confusion, holds = _told_apart(models, chosen, probability, models.likelihood.scale_left(chosen))
+    pattern = pattern_in(models.likelihood, chosen) if structured(left) else None
+    quantities = dataclasses.replace(
+        _gathered(models, chosen, probability, confusion, holds),
+        base_left=nearest.base_left,
+        regular=pattern is not None,
+        may_stay=models.likelihood.rules.may_stay(left),
+        pays=True,
     )
-    most = most_stays(left, nearest.base_left, long=models.likelihood.heavy is not None)
-    if not chosen.names or 1 - probability[()] < CLAIMED or most:
-        return dataclasses.replace(found, verdict=UNEXPLAINED)
-    confusion, _ = _told_apart(models, chosen, probability, models.likelihood.scale_left(chosen))
-    return dataclasses.replace(found, verdict=PARTLY, confusion=confusion)
+    if verdict(quantities).name == UNEXPLAINED:
+        confusion = []
+    return Decision(quantities, chosen, confusion, probability, pattern)
 
 
-def decide_combined(models: Models, chosen: Fitted, nearest: Decision) -> Decision:
-    """The verdict where effects that pay on unseen samples leave nothing beyond the noise beside some that
-    alone leave more than an error of their laws could: then the others do not make up for that error.
-
-    Args:
-        models: all that were refitted.
-        chosen: the model with all of these effects.
-        nearest: what was decided before effects were added.
+def _adds_to_inexact_laws(models: Models, chosen: Fitted, nearest: Decision) -> bool:
+    """Whether a model adds effects to those found by the evidence alone that leave more than an error of
+    their laws could.
     """
     alone = models.stored(nearest.chosen)
     within = max(alone.chi2 - chosen.chi2, 0.0) <= _of_inexact_laws(models, alone)
     # The variant of an effect may have changed beside the others.
     own, more = _kinds(models, alone.names), _kinds(models, chosen.names)
-    fewer = len(alone.names) < len(chosen.names) and own <= more
-    if within or not fewer:
-        return decide(models)
-    probability = models.probabilities_given_discrepancy(chosen)
-    confusion, single = _told_apart(models, chosen, probability, models.likelihood.scale_left(chosen))
-    return dataclasses.replace(
-        nearest,
-        verdict=MISSING if single else AMBIGUOUS,
-        chosen=chosen,
-        confusion=confusion,
-        probability=probability,
-        left=misfit(models.likelihood, chosen),
-        pattern=None,
-    )
+    return not within and len(alone.names) < len(chosen.names) and own <= more
 
 
 def _of_inexact_laws(models: Models, fitted: Fitted) -> float:
@@ -231,46 +227,31 @@ def _of_inexact_laws(models: Models, fitted: Fitted) -> float:
     return max(INEXACT) ** 2 * (by_laws + OF_DEFINED**2 * by_definition) + more
 
 
-def decide_discovered(models: Models, discovery: Discovery, nearest: Decision) -> Decision:
-    """The verdict where a law of no catalogue predicts unseen samples.
+def decide_discovered(models: Models, discovery: Discovery) -> Decision:
+    """The decision where a law of no catalogue predicts unseen samples.
 
     Args:
         models: all that were refitted, those with laws among them.
         discovery: the law.
-        nearest: what was decided without it.
     """
     shown = discovery.fitted
-    return dataclasses.replace(
-        nearest,
-        verdict=DISCOVERED,
-        chosen=shown,
-        confusion=[shown.names, *discovery.possible] if discovery.possible else [],
-        probability=models.probabilities_given_discrepancy(shown),
-        left=misfit(models.likelihood, shown),
-        base_left=misfit(models.likelihood, models.base),
-        pattern=None,
-    )
-
-
-def most_stays(left: tuple[float, float], base_left: tuple[float, float], *, long: bool = False) -> bool:
-    """Whether a model leaves so large a share of the structure that the base model leaves that its effects
-    are not what is missing; in a long recording, not a part of it.
-    """
-    return left[0] > (HALF_STAYS if long else STAYS_SHARE[left[0] > MUCH]) * base_left[0]
+    probability = models.probabilities_given_discrepancy(shown)
+    confusion = [shown.names, *discovery.possible] if discovery.possible else []
+    quantities = _gathered(models, shown, probability, confusion, probability[shown.names])
+    return Decision(dataclasses.replace(quantities, law=True), shown, confusion, probability)
 
 
 def _told_apart(
     models: Models, best: Fitted, probability: dict[tuple[str, ...], float], scale: float = 1.0
-) -> tuple[list[tuple[str, ...]], bool]:
-    """Models that the data do not tell apart, the best first, and whether one effect or combination stands
-    out.
+) -> tuple[list[tuple[str, ...]], float]:
+    """Models that the data do not tell apart, the best first, and the probability of all that have the
+    effects of the best one.
 
     Args:
         models, best: the models, and the one that is shown.
         probability: of each, the most probable first.
         scale: variance of the white residuals.
     """
-
     # A larger model that contains the effects of the best one supports it as well.
     own = _kinds(models, best.names)
     holds = sum(p for names, p in probability.items() if own <= _kinds(models, names))
@@ -290,7 +271,7 @@ def _told_apart(
         for names in probability
         if names not in confusion and _nearly(models.fits[tuple(sorted(names))], best, models.base)
     ]
-    return confusion, holds >= ALONE and len({_kinds(models, names) for names in confusion}) == 1
+    return confusion, holds
 
 
 def _kinds(models: Models, names: tuple[str, ...]) -> frozenset[str]:
@@ -303,8 +284,3 @@ def _nearly(fitted: Fitted, best: Fitted, base: Fitted) -> bool:
     if not fitted.names or not set(fitted.names) < set(best.names):
         return False
     return base.chi2 - fitted.chi2 > NEARLY_ALL * (base.chi2 - best.chi2)
-
-
-def structured(left: tuple[float, float], z: float = LEFT_Z, size: float = LEFT_SIZE) -> bool:
-    """Whether the structure left is more than noise, by size and significance or by size alone."""
-    return (left[1] > z and left[0] > size) or left[0] > VAST

@@ -41,7 +41,7 @@ TRIED, SHAPES = 0.3, 4
 # of a large one. Iterations of that refit, and how far it starts from null.
 COUNTS, MOVES, MOST, FAR = 1e-3, 0.25, 5, 1.5
 # Largest odds of an effect beside the model that is shown: with more it would have been claimed
-# (`decide.CLAIMED`).
+# (`verdict.CLAIMED`).
 MOST_ODDS = 32.0
 # Models less probable than this are left out of the average, and so is what an effect of no more than this
 # share does where it is the likeliest.
@@ -165,7 +165,8 @@ def averaged(
             components.append(_Component(marginal.fitted.numbers, drawn, max(p, LEAST)))
     own = max(probability.get(chosen.names, 0.0), LEAST)
     likelihood = models.likelihood
-    scale = likelihood.scale_left(chosen) if leaves or likelihood.heavy is not None else models.scale
+    unknown = leaves or likelihood.rules.error_of_unknown_cause
+    scale = likelihood.scale_left(chosen) if unknown else models.scale
     others = [h for h in models.of.values() if tuple(sorted((*chosen.names, h.name))) not in known]
     besides = _no_likelier_than_refitted(_beside(models, chosen, shown, others, scale), chosen, probability)
     hidden = [(b, _hidden(shown, b, own * b.odds, rng)) for b in besides]

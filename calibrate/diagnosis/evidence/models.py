@@ -148,7 +148,7 @@ class Models:
         the best fit leaves more than noise, slowly changing: there it counts as an error of unknown cause.
         """
         ranked = self.ranked()
-        if self.likelihood.heavy is not None:
+        if self.likelihood.rules.error_of_unknown_cause:
             return self.probabilities_given_discrepancy(min(ranked, key=lambda f: f.cost))
         logs = np.asarray([self.log_posterior(f) for f in ranked])
         share = np.exp(logs - logs.max())

@@ -11,12 +11,12 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from calibrate.diagnosis.decision.decide import structured
 from calibrate.diagnosis.evidence.models import Models
 from calibrate.diagnosis.hypotheses.hypotheses import Hypothesis, is_friction, is_stiffness
 from calibrate.diagnosis.hypotheses.model import Fitted, Point, model_of
 from calibrate.diagnosis.likelihood.likelihood import MOST_ITERATIONS, Likelihood
 from calibrate.diagnosis.likelihood.locate import misfit
+from calibrate.diagnosis.likelihood.structure import structured
 from calibrate.diagnosis.screening.screen import FAR, SEEN, Start
 from calibrate.diagnosis.search.forward_search import Unseen
 from calibrate.diagnosis.search.search import BEGIN, raced
@@ -234,7 +234,7 @@ def _fitted(
     candidates += [c for c in more if c.law.name not in {other.law.name for other in candidates}]
     tried = {*models.of, *(c.law.name for c in candidates)}
     wider.of = {name: h for name, h in wider.of.items() if name in tried}
-    if wider.likelihood.heavy is not None:  # far from the data, rows that count less when far off show no way
+    if wider.likelihood.rules.laws_settle:
         settled(wider, fits)
     return wider, candidates
 
@@ -595,7 +595,8 @@ def _told(
     shown = max(may_be_shown, key=lambda f: probability[f.names], default=None)
     if shown is None or any(unseen.best(other, [shown]) is None for other in rivals):
         return None
-    if unseen.rows and models.likelihood.heavy is None:  # by all rows: not at the cost of what is explained
+    if unseen.rows and not models.likelihood.rules.judged_by_all_rows:
+        # By all rows: not at the cost of what is explained.
         folds = unseen.folds([head, shown])
         if np.sum(folds[1, :, 0]) > AS_WELL * np.sum(folds[0, :, 0]):
             return None

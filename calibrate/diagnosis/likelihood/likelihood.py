@@ -18,7 +18,6 @@ from calibrate.inference.simulated_readings import SimulatedReadings, simulate_a
 from calibrate.inference.simulated_rig import SimulatedRig
 from calibrate.inference.weighing import Weighing
 from gtr_jax.recordings.signals.noise import (
-    MAD_TO_SD,
     Noise,
     correlation_time,
     of_residual,
@@ -27,6 +26,7 @@ from gtr_jax.recordings.signals.noise import (
 )
 
 from .follow import Follow
+from .recording_length import ShortRecordings
 
 # Step of the finite differences, and largest step of the descent, in coordinates.
 STEP, LARGEST_STEP = 0.02, 1.5
@@ -37,8 +37,6 @@ RULES = Rules(BY_DIFFERENCES, tries=TRIES, longest=LARGEST_STEP, settled=SETTLED
 # how far times of events are scanned to each side, in the changes that matter.
 SCANNED, TIMES = "time-skew.delay", 13
 ASIDE = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 12.0, 16.0, 24.0, 32.0)
-# Times what is usual: rows beyond it count only a little more.
-HEAVY = 4.0
 # Discretisation error that remains after the correction to a fine mesh, as a share of a channel's range.
 DISCRETE = 1e-4
 
@@ -120,8 +118,7 @@ class Likelihood:
         follow: response of the whitened rows to the dimensions, likewise; None without dimensions.
         corrections: values on a fine mesh minus those on the coarse one, of each recording, by the effects
             that act.
-        heavy: in standard deviations: rows much beyond it count only a little more than those at it (see
-            `far`); None where all count by their squares.
+        rules: what differs between short and long recordings.
         untried: names of terms that are not tried.
     """
 
@@ -132,7 +129,7 @@ class Likelihood:
     weighs: Sequence[Weighing] = ()
     follow: Follow | None = None
     corrections: Mapping[tuple[str, ...], list[np.ndarray]] = dataclasses.field(default_factory=dict)
-    heavy: float | None = None
+    rules: ShortRecordings = dataclasses.field(default_factory=ShortRecordings)
     untried: Sequence[str] = ()
 
     def simulate(
@@ -201,19 +198,15 @@ class Likelihood:
         weighs = [passing(*of, values) for of in zip(self.rigs, seen, noise, strict=True)]
         other = dataclasses.replace(self, noise=list(noise), weighs=weighs)
         other = dataclasses.replace(other, follow=other.answer_of_dimensions(values))
-        return other if self.heavy is None else dataclasses.replace(other, heavy=other.far(seen))
+        return dataclasses.replace(other, rules=self.rules.adapted(lambda: other.explained_rows(seen)))
 
-    def far(self, seen: Sequence[SimulatedReadings]) -> float:
-        """Where rows of a simulation are far off: `HEAVY` times what is usual among those of what is
-        explained. A law that is missing is wrong by many standard deviations of the noise wherever it
-        applies.
-        """
+    def explained_rows(self, seen: Sequence[SimulatedReadings]) -> np.ndarray:
+        """White rows of a simulation of what is explained, where it is compared, (m,)."""
         rows = [
             z[: rig.part.explained, rig.part.counted]
             for z, rig in zip(self.by_channel(self._free(seen)), self.rigs, strict=True)
         ]
-        each = np.concatenate([z.ravel() for z in rows])
-        return HEAVY * max(1.0, MAD_TO_SD * float(np.median(np.abs(each))))
+        return np.concatenate([z.ravel() for z in rows])
 
     def answer_of_dimensions(self, values: Mapping[str, float]) -> Follow | None:
         """How the dimensions change what is simulated at some values; None without dimensions."""
@@ -264,20 +257,12 @@ class Likelihood:
         return rows if self.follow is None else self.follow.freed(rows, self.robustify(rows))
 
     def robustify(self, rows: np.ndarray) -> np.ndarray:
-        """White rows, (n,), so that their squares sum to what is minimised: with `heavy` tails c, the sum of
-        c^2 ln(1 + r^2/c^2), which a Student distribution of the errors has (Barron 2019, eq. 12). Long
-        recordings hold stretches in which something outside any model acts, and a few samples in steep
-        slopes; counted by their squares, these decide every fit.
-        """
-        if self.heavy is None:
-            return rows
-        return np.sign(rows) * self.heavy * np.sqrt(np.log1p((rows / self.heavy) ** 2))
+        """White rows, (n,), so that their squares sum to what is minimised."""
+        return self.rules.robustify(rows)
 
     def unrobustify(self, rows: np.ndarray) -> np.ndarray:
         """The inverse of `robustify`."""
-        if self.heavy is None:
-            return rows
-        return np.sign(rows) * self.heavy * np.sqrt(np.expm1((rows / self.heavy) ** 2))
+        return self.rules.unrobustify(rows)
 
     def white(self, residuals: Sequence[np.ndarray]) -> np.ndarray:
         """Whitened rows of residuals, (C, K) each, with the dimensions fixed."""

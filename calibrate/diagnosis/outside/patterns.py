@@ -22,7 +22,7 @@ from calibrate.inference.channels import quantity_of, words_of
 from calibrate.inference.instruments import tendon_of_channel, words_for
 from calibrate.inference.setup import Observation
 from gtr_jax.recordings.signals.differences import MAD_TO_SD
-from gtr_jax.recordings.signals.noise import correlation_time, resolution
+from gtr_jax.recordings.signals.noise import resolution
 
 SAMPLE, TIME, NAN = "sample", "time", float("nan")
 # Probability by chance below which a pattern is not noise, and least share of the residual that it has to
@@ -228,9 +228,7 @@ class _Beside:
         self.left = self._without_known(left)
         both = np.concatenate([tip, (C + tendon) * self.K + np.arange(self.K)])  # it and the base tension
         self.total = float(np.sum(self.left[both] ** 2))
-        # In a long recording slow noise, and what a hold has in common with the peak before it, pass for a
-        # bump: samples count by how independent they are.
-        self.tau = 1.0 if likelihood.heavy is None else correlation_time(self.left[tip])
+        self.tau = likelihood.rules.samples_per_independent(self.left[tip])
 
     def _white(self, changes: np.ndarray) -> np.ndarray:
         """Changes of the channel, SI, (m, K), as whitened rows, with those of the numbers below, (n, m)."""

@@ -11,6 +11,7 @@ import numpy as np
 from calibrate.diagnosis.hypotheses.hypotheses import Hypothesis
 from calibrate.diagnosis.hypotheses.model import FAILED, Fitted, Model
 from calibrate.diagnosis.likelihood.likelihood import Likelihood
+from calibrate.inference.number import Number
 from calibrate.inference.side_by_side import in_lanes
 
 # Starts that are refitted, by how many numbers a hypothesis has: each shape may have an optimum of its own.
@@ -124,6 +125,104 @@ def merged(one: Sequence[Screened], other: Sequence[Screened]) -> list[Screened]
     return sorted(found, key=lambda s: -s.gain)
 
 
+def _cost(rows: np.ndarray, x: np.ndarray, failed: int) -> float:
+    return float(np.sum(rows**2) + np.sum(x**2) + FAILED * failed)
+
+
+class Screening:
+    """Hypotheses tried one by one beside a fit.
+
+    Args:
+        likelihood: the recordings.
+        fitted: the model that they are added to.
+        head: effects of the model.
+        standing: sum of squares from which a drop counts.
+    """
+
+    def __init__(self, likelihood: Likelihood, fitted: Fitted, head: Sequence[Hypothesis], standing: float):
+        self.likelihood, self.fitted, self.head, self.standing = likelihood, fitted, head, standing
+        J = np.concatenate([fitted.jacobian, np.eye(len(fitted.x))])
+        self.q, self.upper = np.linalg.qr(J)
+        self.r0, self.still = np.concatenate([fitted.rows, fitted.x]), np.zeros(len(fitted.x))
+        self.left = self.r0 - self.q @ (self.q.T @ self.r0)
+        self.bounds = tuple(np.asarray([n.bounds[k] for n in fitted.numbers]) for k in (0, 1))
+        self.columns = {i: fitted.jacobian[:, i] for i in range(len(fitted.x))}
+
+    def _simulated(
+        self, numbers: Sequence[Number], x: np.ndarray, fixed: Mapping[str, float]
+    ) -> tuple[np.ndarray, int] | None:
+        """White rows and failed steps with some numbers at coordinates; None where more steps fail than of
+        the fit.
+        """
+        values = dict(self.fitted.values) | Model((), tuple(numbers), fixed).values(x)
+        seen = self.likelihood.simulate(values, self.fitted.names)
+        if seen is None or sum(s.failed for s in seen) > self.fitted.failed:
+            return None
+        return self.likelihood.rows(seen), sum(s.failed for s in seen)
+
+    def first_try(self, tried: _Tried) -> _Tried:
+        """At the size of the start, or as a linear model asks for."""
+        h, n = tried.hypothesis, len(self.fitted.x)
+        x = tried.start.x[n:]
+        ran = self._simulated(h.numbers, x, h.fixed)
+        if ran is None:
+            return tried
+        rows, failed = ran
+        moved = np.concatenate([rows - self.fitted.rows, self.still])
+        across = moved - self.q @ (self.q.T @ moved)
+        power = float(across @ across)
+        # The size as tried, or as a linear model asks for within limits; the fitted numbers follow.
+        wanted = float(np.clip(-(self.left @ across) / power, *SHARES)) if power > 0 else 1.0
+        share = min((float(np.sum((self.left + s * across) ** 2)), s) for s in (1.0, wanted))[1]
+        sizes = np.asarray([number.size and not number.log for number in h.numbers])
+        own = np.where(sizes, share * x, x)
+        share = share if sizes.any() else 1.0
+        follow = np.linalg.solve(self.upper, -(self.q.T @ (self.r0 + share * moved)))
+        both = np.concatenate([np.clip(self.fitted.x + np.clip(follow, -FAR, FAR), *self.bounds), own])
+        # Far from the fit a slope promises too much, but not nothing.
+        promised = PROMISED * (self.standing - _cost(self.left + share * across, self.still, failed))
+        known = dict(self.columns)
+        if h.numbers[0].size and x[0] != 0:
+            known[n] = (rows - self.fitted.rows) / x[0]
+        first = _cost(rows, self.fitted.x, failed)
+        return dataclasses.replace(
+            tried,
+            start=Start(both, known),
+            gain=max(self.standing - first, promised),
+            power=power,
+            cost=first,
+            change=Try(x, bool(sizes.any()), moved),
+        )
+
+    def second_try(self, tried: _Tried) -> _Tried:
+        """Again, once the numbers fitted have followed."""
+        h, both, n = tried.hypothesis, tried.start.x, len(self.fitted.x)
+        ran = self._simulated((*self.fitted.numbers, *h.numbers), both, h.fixed)
+        if ran is None:
+            return tried
+        rows, failed = ran
+        second = min(tried.cost, _cost(rows, both[:n], failed))
+        return dataclasses.replace(tried, gain=max(tried.gain, self.standing - second), cost=second)
+
+    def third_try(self, tried: _Tried) -> _Tried | None:
+        """A short refit: where the fitted numbers make up for most of an effect, they follow along a valley
+        too curved for one step. With several shape numbers, each start keeps its own shape.
+        """
+        h, known = tried.hypothesis, tried.start.known
+        if len(h.numbers) > 1 and tried.cost > AMISS * self.standing:
+            return None
+        free = h.numbers if len(h.numbers) <= 2 else h.numbers[:1]
+        shape = {m.name: tried.named[m.name] for m in h.numbers[len(free) :]}
+        own = dataclasses.replace(h, numbers=free, fixed={**h.fixed, **shape})
+        x = np.concatenate([self.fitted.x, [m.at(tried.named[m.name]) for m in free]])
+        found = self.likelihood.refit((*self.head, own), x, known=known, exact=False, most=QUICK)
+        if found is None:
+            return None
+        at = np.asarray([m.at(shape[m.name]) for m in h.numbers[len(free) :]])
+        start = Start(np.concatenate([found.x, at]), dict(enumerate(found.jacobian.T)))
+        return dataclasses.replace(tried, start=start, gain=self.standing - found.cost - float(at @ at))
+
+
 def screen(
     likelihood: Likelihood,
     fitted: Fitted,
@@ -147,95 +246,20 @@ def screen(
         reference: sum of squares from which the drop counts, that of the fit unless given; if it is given,
             nothing is tried a third time.
     """
-    standing = fitted.cost if reference is None else reference
-    J = np.concatenate([fitted.jacobian, np.eye(len(fitted.x))])
-    q, upper = np.linalg.qr(J)
-    r0, still = np.concatenate([fitted.rows, fitted.x]), np.zeros(len(fitted.x))
-    left, n = r0 - q @ (q.T @ r0), len(fitted.x)
-    low, high = (np.asarray([n.bounds[k] for n in fitted.numbers]) for k in (0, 1))
-    columns = {i: fitted.jacobian[:, i] for i in range(n)}
-
-    def simulated(numbers, x, fixed):
-        values = dict(fitted.values) | Model((), numbers, fixed).values(x)
-        seen = likelihood.simulate(values, fitted.names)
-        if seen is None or sum(s.failed for s in seen) > fitted.failed:
-            return None
-        return likelihood.rows(seen), sum(s.failed for s in seen)
-
-    def cost(rows, x, failed):
-        return float(np.sum(rows**2) + np.sum(x**2) + FAILED * failed)
-
-    def first_try(tried: _Tried) -> _Tried:
-        h = tried.hypothesis
-        x = tried.start.x[n:]
-        ran = simulated(h.numbers, x, h.fixed)
-        if ran is None:
-            return tried
-        rows, failed = ran
-        moved = np.concatenate([rows - fitted.rows, still])
-        across = moved - q @ (q.T @ moved)
-        power = float(across @ across)
-        # The size as tried, or as a linear model asks for within limits; the fitted numbers follow.
-        wanted = float(np.clip(-(left @ across) / power, *SHARES)) if power > 0 else 1.0
-        share = min((float(np.sum((left + s * across) ** 2)), s) for s in (1.0, wanted))[1]
-        sizes = np.asarray([number.size and not number.log for number in h.numbers])
-        own = np.where(sizes, share * x, x)
-        share = share if sizes.any() else 1.0
-        follow = np.linalg.solve(upper, -(q.T @ (r0 + share * moved)))
-        both = np.concatenate([np.clip(fitted.x + np.clip(follow, -FAR, FAR), low, high), own])
-        # Far from the fit a slope promises too much, but not nothing.
-        promised = PROMISED * (standing - cost(left + share * across, still, failed))
-        known = dict(columns)
-        if h.numbers[0].size and x[0] != 0:
-            known[n] = (rows - fitted.rows) / x[0]
-        first = cost(rows, fitted.x, failed)
-        return dataclasses.replace(
-            tried,
-            start=Start(both, known),
-            gain=max(standing - first, promised),
-            power=power,
-            cost=first,
-            change=Try(x, bool(sizes.any()), moved),
-        )
-
-    def second_try(tried: _Tried) -> _Tried:
-        h, both = tried.hypothesis, tried.start.x
-        ran = simulated((*fitted.numbers, *h.numbers), both, h.fixed)
-        if ran is None:
-            return tried
-        rows, failed = ran
-        second = min(tried.cost, cost(rows, both[:n], failed))
-        return dataclasses.replace(tried, gain=max(tried.gain, standing - second), cost=second)
-
-    def third_try(tried: _Tried) -> _Tried | None:
-        # Where the fitted numbers make up for most of an effect, they follow along a valley too curved for
-        # one step. With several shape numbers, each start keeps its own shape.
-        h, known = tried.hypothesis, tried.start.known
-        if len(h.numbers) > 1 and tried.cost > AMISS * standing:
-            return None
-        free = h.numbers if len(h.numbers) <= 2 else h.numbers[:1]
-        shape = {m.name: tried.named[m.name] for m in h.numbers[len(free) :]}
-        own = dataclasses.replace(h, numbers=free, fixed={**h.fixed, **shape})
-        x = np.concatenate([fitted.x, [m.at(tried.named[m.name]) for m in free]])
-        found = likelihood.refit((*(head or ()), own), x, known=known, exact=False, most=QUICK)
-        if found is None:
-            return None
-        at = np.asarray([m.at(shape[m.name]) for m in h.numbers[len(free) :]])
-        start = Start(np.concatenate([found.x, at]), dict(enumerate(found.jacobian.T)))
-        return dataclasses.replace(tried, start=start, gain=standing - found.cost - float(at @ at))
-
+    standing, n = fitted.cost if reference is None else reference, len(fitted.x)
+    screening = Screening(likelihood, fitted, head or (), standing)
     all_tried = [
         _Tried(h, s, Start(np.concatenate([fitted.x, [m.at(s[m.name]) for m in h.numbers]]), {}))
         for h in hypotheses
         for s in (h.starts if thorough else h.few)
     ]
-    found = in_lanes(first_try, all_tried)
+    found = in_lanes(screening.first_try, all_tried)
 
     def ranked_places(places: Iterable[int]) -> list[int]:
         return sorted(places, key=lambda i: -found[i].gain)
 
     def try_again(places: Sequence[int]) -> None:
-        for i, tried in zip(places, in_lanes(second_try, [found[i] for i in places]), strict=True):
+        for i, tried in zip(places, in_lanes(screening.second_try, [found[i] for i in places]), strict=True):
             found[i] = tried
 
     thirds: list[_Tried] = []
@@ -252,7 +276,7 @@ def screen(
         if head is not None:
             best, able = ranked_places(best)[:FURTHER], ranked_places(able)[:FURTHER]
         try_again([i for i in dict.fromkeys((*best, *able)) if i not in promising])
-        thirds = [t for t in in_lanes(third_try, [found[i] for i in able]) if t is not None]
+        thirds = [t for t in in_lanes(screening.third_try, [found[i] for i in able]) if t is not None]
     screened = []
     for h in hypotheses:
         mine, first = [t for t in (*found, *thirds) if t.hypothesis is h], h.numbers[0]

@@ -13,12 +13,12 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from calibrate.diagnosis.decision.decide import STAYS_SIZE, STAYS_Z, structured
 from calibrate.diagnosis.evidence.models import HOW_MANY, Models
 from calibrate.diagnosis.hypotheses.hypotheses import EVENTS, Hypothesis
 from calibrate.diagnosis.hypotheses.model import Fitted
 from calibrate.diagnosis.likelihood.held_out import by_fold
 from calibrate.diagnosis.likelihood.locate import misfit
+from calibrate.diagnosis.likelihood.structure import STAYS_SIZE, STAYS_Z, structured
 from calibrate.diagnosis.outside.episodes import episodes
 from calibrate.diagnosis.outside.events import event_hypotheses
 from calibrate.diagnosis.screening.screen import STARTS_EACH, Screened, screen
@@ -244,7 +244,7 @@ class Unseen:
 
     def __init__(self, models: Models, *, pieces: bool = False, rows: bool = False):
         self.models, self.pieces = models, pieces
-        self.rows = rows or models.likelihood.heavy is not None
+        self.rows = rows or models.likelihood.rules.judged_by_all_rows
         # Of each model, the cost of the fit that was judged, and what it leaves of each part.
         self._known: dict[tuple[str, ...], tuple[float, np.ndarray]] = {}
 
