@@ -31,10 +31,10 @@ from gtr_jax.simulation.programs import structure_with
 from .answer.result import BAD_DATA, Diagnosis
 from .evidence.models import Models
 from .evidence.refine import refine
-from .hypotheses.hypotheses import Hypothesis, base_numbers, catalogue, instrument_numbers
+from .hypotheses.hypotheses import DELAYS, Hypothesis, base_numbers, catalogue, instrument_numbers
 from .hypotheses.model import Fitted
 from .likelihood.follow import dimensions_of
-from .likelihood.likelihood import HEAVY, SCANNED, Likelihood, change_by, passing
+from .likelihood.likelihood import HEAVY, Likelihood, change_by, passing
 from .outside.disturbances import behind_gaps, disturbances, within
 from .outside.leave_out import Stretch, without
 from .outside.sanity import faults
@@ -276,7 +276,7 @@ def _from_outside(part: Observation, start: _Start) -> list[Stretch]:
     slope = change_by(rig, values, 0)
     if seen is None or slope is None:
         return []
-    delay = values.get(SCANNED, 0.0)
+    delay = sum(values.get(name, 0.0) for name in DELAYS)
     found = [*disturbances(part, thinned, seen, slope[0], delay), *behind_gaps(part, thinned, seen)]
     return within(found, part.samples)
 

@@ -1,9 +1,11 @@
 """The tendon, and what it is anchored to, give way under tension."""
 
 from .term import Quantity, Term
+from .tried import Tried, Variant
 
 TERM = Term(
     id="tendon-stretch",
+    place=400,
     says="The tendon stretches, or its anchor and the tip's load cell give way.",
     law="strain compliance·T along the tendon; the anchor moves by anchor·T_tip",
     seen="More tendon is drawn out than the body bends for; with presliding or viscous friction "
@@ -15,4 +17,5 @@ TERM = Term(
     ),
     strain=lambda p, tension: p["compliance"] * tension,
     anchor=lambda p, tension: p["anchor"] * tension,
+    tried=Tried(variants=(Variant(free=("compliance",)),)),
 )

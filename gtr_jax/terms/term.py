@@ -13,6 +13,8 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from .tried import PLAINLY, Tried
+
 Values = Mapping[str, Float[Array, "*each"]]
 
 # A slip [m], a speed [m/s] or a curvature [1/m] that is only rounding, while nothing moves. Laws whose
@@ -134,6 +136,10 @@ class Term:
 
     Attributes:
         id: its `kind` in robot files.
+        place: where it stands among the terms, smallest first and at equal places by name. Terms act in this
+            order, those of the load cells from the true tension to the tension shown. Those that state none
+            come first, as terms of users do.
+        tried: what a diagnosis tries of it.
         says: one sentence for people.
         law: its equation.
         seen: what it looks like in a recording.
@@ -147,9 +153,12 @@ class Term:
             the neighbouring section instead of against the base.
         relaxes: whether the body goes on bending where the tendon is locked, and carries it along; the first
             number that `bend` remembers is then its moment over EI.
-        softens: whether `bend` may take away most of the stiffness.
+        softens: whether `bend` may take away most of the stiffness; it is then tried of bodies of metal only.
+        exact: whether its law holds by definition, as an offset or a delay does, and not as well as a law of
+            matter can.
         by_strain: whether `bend` depends on the strain of the outermost fibre. by_place: on the arc length.
-        event: whether it happens once, at a time of its own.
+        event: whether it happens once, at a time of its own, its number `time`. It is tried only where a
+            misfit is located in time, and that time is anywhere in the recording.
         loosens: whether `friction` falls with time, cycles or what is drawn out where the tendon is locked,
             so that the tension held there relaxes.
         reads_speed: whether `friction`, `by_pressure` or `drag` depends on the speed of the slip in the
@@ -186,6 +195,8 @@ class Term:
             or "".
         tip, base: what the cell at the tip, or the base, shows for true tensions.
         true_base: the true base tensions for what its cell shows; the inverse of `base`.
+        read_at: of a cell at the tip that is read late, the times [s] whose tension it shows, from those of
+            the samples [s] and what has passed since the first of them [s].
     """
 
     id: str
@@ -194,6 +205,8 @@ class Term:
     seen: str
     told_apart: str
     quantities: tuple[Quantity, ...]
+    place: int = 0
+    tried: Tried = PLAINLY
     across: tuple[Quantity, ...] = ()
     source: str = ""
     note: str = ""
@@ -201,6 +214,7 @@ class Term:
     creeps: bool = False
     relaxes: bool = False
     softens: bool = False
+    exact: bool = False
     by_strain: bool = False
     by_place: bool = False
     event: bool = False
@@ -235,6 +249,7 @@ class Term:
     tip: Cell | None = None
     base: Cell | None = None
     true_base: Cell | None = None
+    read_at: Callable[[Mapping[str, Any], Any, Any], Any] | None = None
 
     @property
     def of_cells(self) -> bool:
