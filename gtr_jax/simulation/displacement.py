@@ -228,7 +228,8 @@ def _met(
 
 class Enclosed(NamedTuple):
     """A search for the base tension of one tendon, as `TensionSearch`, with tensions that draw it out too
-    little and too far, how far the next trial may reach while there are not both, and what the last one missed.
+    little and too far, how far the next trial may reach while there are not both, and what the last one
+    missed.
     """
 
     trial: Float[Array, " 1"]
