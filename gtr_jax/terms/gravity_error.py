@@ -29,6 +29,7 @@ TERM = Term(
         Quantity("z", "m/s^2", 0.0, 2.0, "Acceleration added out of the plane of x and y.", (-10.0, 10.0)),
     ),
     loads=loads,
+    adds_to="gravity",
     tried=Tried(
         variants=(Variant(starts=lambda at, rig: along_each(at, (0.1, 0.5))),),
         where=lambda rig: rig.loaded,

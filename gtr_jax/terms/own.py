@@ -128,8 +128,8 @@ def _hooks(term: Term) -> dict[str, _Hook]:
     }
 
 
-# Hooks that the terms of the catalogue alone have: a robot has one memory of friction, what loads and stops do
-# at null is not checked here, and events are looked for by their own search.
+# Hooks that the terms of the catalogue alone have: a robot has one memory of friction, what loads and stops
+# do at null is not checked here, and events are looked for by their own search.
 CLOSED = ("mobilise", "loads", "stop", "stop_angle", "stop_normal", "tugged")
 
 

@@ -12,7 +12,9 @@ TERM = Term(
     "it changes the tensions too.",
     told_apart="Record the displacement of the tendon at the base; pull with the tip locked.",
     quantities=(
-        Quantity("compliance", "1/N", 0.0, 5e-5, "Strain per tension, 1/EA.", (2e-6, 5e-4), 0.0),
+        Quantity(
+            "compliance", "1/N", 0.0, 5e-5, "Strain per tension, 1/EA.", (2e-6, 5e-4), 0.0, assumed=True
+        ),
         Quantity("anchor", "m/N", 0.0, 1e-5, "How far the anchor moves per tension.", (1e-6, 1e-4), 0.0),
     ),
     strain=lambda p, tension: p["compliance"] * tension,

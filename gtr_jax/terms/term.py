@@ -41,6 +41,8 @@ class Quantity:
         log: whether it is estimated on a logarithmic scale.
         size: whether it sets the strength of the effect; the other numbers set its form, and have no effect
             while all sizes are null.
+        assumed: whether every robot has it though its file may not state it: what it changes is then
+            uncertain by its typical value.
     """
 
     name: str
@@ -53,6 +55,7 @@ class Quantity:
     upper: float | None = None
     log: bool = False
     size: bool = True
+    assumed: bool = False
 
 
 class Channel(NamedTuple):
@@ -183,6 +186,8 @@ class Term:
         tugged: tension added to the tendon's end at the tip from outside [N], from the time [s].
         ahead: stretch of the tendon ahead of the channel [m], from the base tension [N].
         loads: the external loads, from those of the robot.
+        adds_to: the dead load to which `loads` adds the numbers x, y and, in space, z: "tip_force" [N] or
+            "gravity" [m/s^2]; both keep their direction where a rig is turned. "" for another load.
         stop: force of a stop on the tip [N] against `stop_angle`, from the tip's place along it [m], affine;
             none acts where that is negative.
         stop_angle: direction [rad] from the base tangent in which the stop is run into.
@@ -239,6 +244,7 @@ class Term:
     tugged: Callable[[Values, Array], Array] | None = None
     ahead: Callable[[Values, Array], Array] | None = None
     loads: Callable[[Values, Any], Any] | None = None
+    adds_to: str = ""
     stop: Callable[[Values, Array], Array] | None = None
     stop_angle: Callable[[Values], Array] | None = None
     stop_normal: Callable[[Values], tuple[Array, Array, Array]] | None = None

@@ -27,6 +27,7 @@ TERM = Term(
     ),
     across=(Quantity("z", "N", 0.0, 0.05, "Force out of the plane of x and y.", (-0.5, 0.5)),),
     loads=loads,
+    adds_to="tip_force",
     tried=Tried(
         variants=(Variant(starts=lambda at, rig: along_each(at, (0.1, 0.5))),),
     ),
