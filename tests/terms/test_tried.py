@@ -9,7 +9,7 @@ from calibrate.diagnosis.hypotheses.hypotheses import DELAYS, INSTRUMENT_NUMBERS
 from gtr_jax.errors import InputError
 from gtr_jax.terms import REGISTRY, Prior, Quantity, Term, Tried, Variant
 from gtr_jax.terms.own import check_term
-from gtr_jax.terms.tried import Rig, fault_of
+from gtr_jax.terms.tried import At, Rig, Start, fault_of
 
 GIVEN = {"timed": True, "largest_tip": 10.0, "travel": np.array([0.0, 0.1]), "bend": 5.0, "displaced": True}
 SIZE = Quantity("size", "N/m", 0.0, 2.0, "Force per length.", (0.2, 10.0), 0.0)
@@ -18,6 +18,14 @@ FADE = Quantity("fade", "N/m", 40.0, 40.0, "Pressure over which it fades.", (10.
 
 def large(rig: Rig) -> dict[str, Prior]:
     return {"size": Prior(sd=rig.largest_tip / rig.length)}
+
+
+def slow_fading(at: At, rig: Rig) -> list[Start]:
+    return [{"size": at["size"](1.0), "fade": 30.0}]
+
+
+def misspelt(at: At, rig: Rig) -> list[Start]:
+    return [{"size": at["sise"](1.0)}]
 
 
 DRAG = Term(
@@ -30,9 +38,7 @@ DRAG = Term(
     tried=Tried(
         variants=(
             Variant(free=("size",)),
-            Variant(
-                "fading", ("size", "fade"), large, lambda at, rig: [{"size": at["size"](1.0), "fade": 30.0}]
-            ),
+            Variant("fading", ("size", "fade"), large, slow_fading),
         )
     ),
     drag=lambda p, at: p["size"] * (1 + at.pressure / p["fade"]),
@@ -78,7 +84,7 @@ def test_a_term_of_ones_own_is_tried_in_its_variants(make_robot, monkeypatch):
         (Tried((Variant(), Variant())), "two variants have one name"),
         (Tried((Variant(starts=lambda at, rig: [{"size": 1.0}]),)), "must give size, fade and nothing else"),
         (Tried((Variant(prior=lambda rig: {"sise": Prior()}),)), "the prior of 'sise' is for none"),
-        (Tried((Variant(starts=lambda at, rig: [at["sise"](1.0)]),)), "cannot be computed ('sise')"),
+        (Tried((Variant(starts=misspelt),)), "cannot be computed ('sise')"),
     ],
 )
 def test_what_cannot_be_tried_is_refused_in_one_line(tried, says):
