@@ -11,7 +11,7 @@ from calibrate.inference.channels import ORIENTATION, chosen_by, unit_of, words_
 from calibrate.inference.setup import Observation
 from gtr_jax.recordings.signals.noise import FEWEST_SAMPLES
 
-from .result import FittedRecording
+from .fitted import FittedRecording
 from .verdict import SMALL, in_unit, most_of_noise
 
 # So many of what was compared, the worst first, are named.
@@ -73,7 +73,7 @@ class DistanceWithoutTip(NamedTuple):
         but = f", without {self.outliers} outliers" if self.outliers else ""
         off = f"off by {', '.join(c.off(self.known) for c in listed[:NAMED])}{more}{but}"
         if not self.known:
-            return [f"the fitted model is {off}, from the recording, whose noise cannot be told"]
+            return [f"the fitted model is {off}, from the recording, whose noise cannot be estimated"]
         if self.described:
             return [f"the fitted model describes the recording to its noise: {off}"]
         return [f"the fitted model does not describe the recording: it is {off}"]

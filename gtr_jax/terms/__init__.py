@@ -9,7 +9,6 @@ from __future__ import annotations
 import functools
 import importlib
 import pkgutil
-import sys
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any
@@ -41,8 +40,8 @@ def _of_this_folder() -> list[Term]:
 REGISTRY: dict[str, Term] = {term.id: term for term in _of_this_folder()}
 # Names of those that users registered.
 OWN: set[str] = set()
-# The file whose classes hold a table for each term.
-_READERS = "gtr_jax.config.sections"
+# Whether robot files have tables for the terms known so far, `terms_of_files`.
+_in_files = False
 # Whether terms are looked for that lie outside, on import: these may register themselves.
 _looking = True
 
@@ -62,7 +61,7 @@ def register_term(term: Term, *, where: str = "register_term") -> Term:
         InputError: its name is taken, it has no hook, does something at its null values or reads what it
             does not declare; or robot files have been read already, with tables for the terms known then.
     """
-    if _READERS in sys.modules and not _looking:
+    if _in_files and not _looking:
         raise InputError(
             f"{where}: robot files are read already, with the terms known then; register terms right after "
             "'import gtr_jax', before calibrate, design or a robot file"
@@ -76,6 +75,13 @@ def register_term(term: Term, *, where: str = "register_term") -> Term:
     OWN.add(term.id)
     keep_none()
     return term
+
+
+def terms_of_files() -> tuple[Term, ...]:
+    """Every registered term, for the tables of robot files; from now on none can be registered."""
+    global _in_files
+    _in_files = True
+    return tuple(REGISTRY.values())
 
 
 def own_mark() -> str:
@@ -151,4 +157,5 @@ __all__ = [
     "null_values",
     "own_mark",
     "register_term",
+    "terms_of_files",
 ]

@@ -270,7 +270,11 @@ def test_what_does_not_fit_is_refused_in_a_line(make_config):
     recording = gtr.read_recording(RUNS / "two-tendons.csv", space=True, tendons=("a", "b"))
     with pytest.raises(gtr.InputError, match=r"T_base has the shape .*2 tendons"):
         calibrate.fit(config, dataclasses.replace(recording, T_base=recording.T_base[:, 0]))
-    with pytest.raises(gtr.InputError, match=r"'tip_angle' is none of .*tip_z, tip_rotation, .*displacement"):
+    with pytest.raises(
+        gtr.InputError,
+        match=r"must be one of .*tip_z, tip_rotation, .*displacement; got "
+        r"'tip_angle'",
+    ):
         calibrate.fit(config, recording, channels="tip_angle")
     with pytest.raises(gtr.InputError, match=r"channel 'displacement\.b': no recording has it"):
         calibrate.fit(config, dataclasses.replace(recording, displacement=None), channels="displacement.b")

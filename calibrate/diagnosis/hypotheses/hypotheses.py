@@ -303,8 +303,8 @@ def base_numbers(robot: Robot, deviations: Mapping[str, float]) -> tuple[Number,
 
 def instrument_numbers(part: Observation) -> tuple[Number, ...]:
     """What the instruments of a rig always add, little of it, as their terms state it. Long recordings show
-    it, and every hypothesis fits it beside mu and E: it is no effect that is missing, and must not pass for
-    one.
+    it, and every hypothesis fits it beside mu and E: it is not an effect that is missing, and must not pass
+    for one.
 
     Args:
         part: a recording with times.

@@ -1,4 +1,4 @@
-"""The bench: all recordings with whitened residuals, to which hypotheses are refitted."""
+"""The likelihood: all recordings with whitened residuals, to which hypotheses are refitted."""
 
 from __future__ import annotations
 

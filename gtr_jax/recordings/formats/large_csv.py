@@ -222,7 +222,7 @@ def _form(tidied: pl.Series) -> pl.Series:
 
 def large_text(columns: Mapping[str, np.ndarray]) -> str | None:
     """Columns of numbers, (K,) each, as CSV that reads back exactly; None if any has another length, is of
-    words, or holds what is no number.
+    words, or holds what is not a number.
     """
     import polars as pl
 
