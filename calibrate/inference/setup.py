@@ -40,7 +40,8 @@ from .weighing import Weighing
 # Least error of a channel, as a share of its size; and its error in the search for a start, as a share of its
 # range.
 SMALLEST_SIGMA, ROUGH = 1e-6, 0.02
-STRETCH = "tendon-stretch"
+# The compliance that every tendon has, and its term.
+STRETCH, COMPLIANCE = next((kind, q) for kind, term in REGISTRY.items() for q in term.quantities if q.assumed)
 # What makes a recording one that a fit can use.
 COMPARABLE = "T_tip_N, the pose of the tip (tip_x_m, ...), markers of the robot file, or displacement_m"
 # Recordings with more samples than LONG are simulated at about LONG of them, or, if that is fewer, at steps
@@ -225,7 +226,7 @@ class Observation:
             ratio = np.log(ends[0] / ends[1])
             even = np.abs(ratio) < 1e-6
             mean = np.where(even, ends[0], (ends[0] - ends[1]) / np.where(even, 1.0, ratio))
-            found[c] = term.quantities[0].typical * float(self.robot.backbone.length) * mean
+            found[c] = COMPLIANCE.typical * float(self.robot.backbone.length) * mean
         return found
 
     def weighing(

@@ -62,20 +62,21 @@ STEPS_BY_SPEED, MOST_STEPS = 4, 600
 # they compile in 0.3 to 6 s (benchmarks/results/native.md). A program of its own for every hypothesis would
 # take 0.3 to 1.5 s each. Terms of a user's own are added to them, as laws are.
 EVERY = tuple(kind for kind in every() if kind not in OWN)
-_BESIDE_LOADS = [kind for kind in EVERY if not REGISTRY[kind].loads and REGISTRY[kind].stop is None]
-_BY_SLIP = ("presliding", "viscous-friction")
+_LOADS = tuple(kind for kind in EVERY if REGISTRY[kind].loads)
+_BY_SPEED = tuple(kind for kind in EVERY if REGISTRY[kind].by_speed)
+_BY_SLIP = (*(kind for kind in EVERY if REGISTRY[kind].mobilise), *_BY_SPEED)
+_ALONE = (*_BY_SLIP, *(kind for kind in EVERY if REGISTRY[kind].relaxes or REGISTRY[kind].stop))
 PROGRAMS = (
     (),
-    tuple(kind for kind in _BESIDE_LOADS if kind not in (*_BY_SLIP, "viscoelastic-body")),
+    tuple(kind for kind in EVERY if kind not in (*_LOADS, *_ALONE)),
     tuple(kind for kind in EVERY if kind not in _BY_SLIP),
-    tuple(kind for kind in EVERY if kind != "viscous-friction"),
+    tuple(kind for kind in EVERY if kind not in _BY_SPEED),
     EVERY,
 )
 # In space, terms that load the body, or follow the slip, cost more: 200 steps of examples/helix.toml on 25
 # nodes take 2.3 ms without terms, 8 ms with the second set and 60 to 70 ms with the third. So each of them
 # has a program of its own, tried before those that hold several.
-_ALONE = ("presliding", "viscoelastic-body", "contact", "viscous-friction")
-IN_SPACE = (*PROGRAMS[:2], ("tip-load", "gravity-error"), *((kind,) for kind in _ALONE), *PROGRAMS[2:])
+IN_SPACE = (*PROGRAMS[:2], _LOADS, *((kind,) for kind in _ALONE), *PROGRAMS[2:])
 
 
 def programs_of(robot: Robot) -> list[tuple[str, ...]]:

@@ -11,12 +11,18 @@ import numpy as np
 
 from gtr_jax import Robot
 from gtr_jax.robot.robot import sections
+from gtr_jax.terms import REGISTRY
 
 # The weight to hang from the tip would deflect a straight body, across it, by this share of the length; it is
 # at most this share of the largest base tension.
 DEFLECTION, HEAVIEST = 0.1, 0.2
 TURNED = "the rig turned to the left by a right angle"
 Values = Mapping[str, float]
+# Terms that add to a dead load, by the load: the first of them adds what a person does to the rig.
+ADDED = {
+    load: [kind for kind, term in REGISTRY.items() if term.adds_to == load]
+    for load in ("gravity", "tip_force")
+}
 
 
 def _axes(robot: Robot) -> str:
@@ -51,19 +57,21 @@ def turned(robot: Robot, values: Values) -> dict[str, float]:
     """Values of a robot whose rig is turned to the left by a right angle. Gravity and dead forces keep their
     direction in space: what pulled to the right of the base tangent then pulls against it.
     """
-    loads = robot.loads
-    known = {"gravity-error": _gravity(robot), "tip-load": np.asarray(loads.tip_force)}
+    known = {"gravity": _gravity(robot), "tip_force": np.asarray(robot.loads.tip_force)}
     after = dict(values)
-    for kind, own in known.items():
-        x, y, *_ = own + _acts(robot, values, kind)
-        after |= {f"{kind}.x": y - own[0], f"{kind}.y": -x - own[1]}
+    for load, kinds in ADDED.items():
+        for i, kind in enumerate(kinds):
+            own = known[load] if i == 0 else np.zeros_like(known[load])
+            x, y, *_ = own + _acts(robot, values, kind)
+            after |= {f"{kind}.x": y - own[0], f"{kind}.y": -x - own[1]}
     return after
 
 
 def weighed(robot: Robot, weight: np.ndarray, values: Values) -> dict[str, float]:
     """Values of a robot with a known weight (axes,) [N] hung from its tip."""
-    force = _acts(robot, values, "tip-load") + weight
-    return dict(values) | {f"tip-load.{axis}": float(f) for axis, f in zip(_axes(robot), force, strict=True)}
+    kind = ADDED["tip_force"][0]
+    force = _acts(robot, values, kind) + weight
+    return dict(values) | {f"{kind}.{axis}": float(f) for axis, f in zip(_axes(robot), force, strict=True)}
 
 
 def weight_to_hang(robot: Robot, largest: float) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Physics beyond the paper, one term per file. A new term needs its file and its entry in REGISTRY below.
+"""Physics beyond the paper, one term per file: a file of this folder that holds a TERM is in the catalogue.
 
 A robot has these terms, those of a user's own (`register_term`) and the laws of its own file; `catalogue_of`
 gives all.
@@ -7,6 +7,8 @@ gives all.
 from __future__ import annotations
 
 import functools
+import importlib
+import pkgutil
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any
@@ -19,88 +21,23 @@ from jaxtyping import Array, Bool
 
 from gtr_jax.errors import InputError
 
-from . import (
-    adhesion,
-    base_gain,
-    base_offset,
-    body_hysteresis,
-    cell_hysteresis,
-    clearance,
-    contact,
-    crosstalk,
-    free_length,
-    friction_asymmetry,
-    friction_drift,
-    gravity_error,
-    hyperelastic,
-    local_friction,
-    low_pass,
-    presliding,
-    pressure_dependent_friction,
-    quantisation,
-    saturation,
-    shaken_sheath,
-    sheath_moved,
-    stiffening,
-    stribeck_friction,
-    superelastic,
-    tendon_stretch,
-    time_skew,
-    tip_gain,
-    tip_load,
-    tip_moved,
-    tip_offset,
-    viscoelastic_body,
-    viscous_friction,
-    wear,
-    zero_drift,
-)
 from .law import Law, term_of_law
 from .own import check_term, mark_of, outside_terms
 from .term import Quantity, Term, Values
+from .tried import Instrument, Prior, Tried, Variant
 
-# Terms of the load cells act in this order, from the true tension to the tension shown.
-REGISTRY: dict[str, Term] = {
-    module.TERM.id: module.TERM
-    for module in (
-        presliding,
-        viscous_friction,
-        stribeck_friction,
-        pressure_dependent_friction,
-        adhesion,
-        friction_asymmetry,
-        wear,
-        friction_drift,
-        shaken_sheath,
-        sheath_moved,
-        tip_moved,
-        local_friction,
-        clearance,
-        stiffening,
-        hyperelastic,
-        superelastic,
-        viscoelastic_body,
-        body_hysteresis,
-        tendon_stretch,
-        free_length,
-        tip_load,
-        gravity_error,
-        contact,
-        cell_hysteresis,
-        tip_gain,
-        base_gain,
-        crosstalk,
-        tip_offset,
-        base_offset,
-        zero_drift,
-        low_pass,
-        time_skew,
-        saturation,
-        quantisation,
+
+def _of_this_folder() -> list[Term]:
+    """The terms that files of this folder call TERM, by their places."""
+    modules = (
+        importlib.import_module(f"{__name__}.{found.name}") for found in pkgutil.iter_modules(__path__)
     )
-}
+    terms = [module.TERM for module in modules if hasattr(module, "TERM")]
+    return sorted(terms, key=lambda term: (term.place, term.id))
 
 
+# Terms act in this order, those of the load cells from the true tension to the tension shown.
+REGISTRY: dict[str, Term] = {term.id: term for term in _of_this_folder()}
 # Names of those that users registered.
 OWN: set[str] = set()
 # Whether robot files have tables for the terms known so far, `terms_of_files`.
@@ -205,9 +142,13 @@ _looking = False
 __all__ = [
     "OWN",
     "REGISTRY",
+    "Instrument",
     "Law",
+    "Prior",
     "Quantity",
     "Term",
+    "Tried",
+    "Variant",
     "called",
     "catalogue_of",
     "is_on",

@@ -4,6 +4,7 @@ from .term import Quantity, Term
 
 TERM = Term(
     id="adhesion",
+    place=140,
     says="The channel drags on the tendon even where it does not press: seals, lubricant, a tight fit.",
     law="dT/ds lowered by drag while pulling, raised while releasing; T never below 0",
     seen="Much of the tension is lost at low tension; the loop does not close at zero.",

@@ -4,6 +4,7 @@ from .term import Quantity, Term
 
 TERM = Term(
     id="base-gain",
+    place=620,
     says="The load cell at the base shows a multiple of the true tension.",
     law="T_base shown = gain · T_base",
     seen="ln(T_tip/T_base) is off by the same amount in pulling and releasing; the robot bends as if pulled "
@@ -14,4 +15,5 @@ TERM = Term(
     ),
     base=lambda p, T, at: p["gain"] * T,
     true_base=lambda p, shown, at: shown / p["gain"],
+    exact=True,
 )

@@ -30,6 +30,7 @@ def bend_in_space(p, strain, at):
 
 TERM = Term(
     id="body-hysteresis",
+    place=340,
     says="The body itself is hysteretic: layers, braids or plies rub as it bends.",
     law="M = EI (κ − κ₀) + EI·ratio·curvature·z, dz/dκ = (1 − z sgn κ̇)/curvature; "
     "in space dz = (dκ − z |dκ|)/curvature with the vectors of both bendings",

@@ -7,6 +7,10 @@ import jax
 import jax.numpy as jnp
 
 from .term import APART, Quantity, Term, spread_out
+from .tried import SIZES, At, Rig, Start, Tried, Variant
+
+# Decades between the widths of elements that fits start from.
+SPREAD = 0.2
 
 # Which of the elements have given way by the end of a change: every choice.
 GAVE_WAY = tuple(itertools.product((False, True), repeat=len(APART)))
@@ -81,8 +85,18 @@ def fault(values, length):
     return f"width must exceed the forces{wide}"
 
 
+def starts_spread(at: At, rig: Rig) -> list[Start]:
+    """Of several widths. A cell whose elements build up too steeply would show less of more tension."""
+    force, width, spread = at
+    found = [
+        {force: at[force](size), width: at[width](x), spread: SPREAD} for size in SIZES for x in (-0.4, 0.9)
+    ]
+    return [start for start in found if not fault({"tip": 0.0, "base": 0.0} | start, rig.length)]
+
+
 TERM = Term(
     id="cell-hysteresis",
+    place=600,
     says="A load cell lags behind the tension by a force after each reversal, at any rate.",
     law="shown = T − force·mean(z_j), z_j = clip(z_j + dT/w_j, ±1), "
     "w_j = width·10^(spread·(−3/2, −1/2, 1/2, 3/2)), for each cell its own force",
@@ -119,4 +133,12 @@ TERM = Term(
     tip=lambda p, T, at: lagging(p["tip"], p["width"], p["spread"], T),
     base=lambda p, T, at: lagging(p["base"], p["width"], p["spread"], T),
     true_base=lambda p, shown, at: leading(p["base"], p["width"], p["spread"], shown),
+    tried=Tried(
+        variants=(
+            Variant("tip", ("tip", "width")),
+            Variant("base", ("base", "width")),
+            Variant("tip-spread", ("tip", "width", "spread"), starts=starts_spread),
+            Variant("base-spread", ("base", "width", "spread"), starts=starts_spread),
+        )
+    ),
 )

@@ -6,6 +6,7 @@ from .term import Quantity, Term
 
 TERM = Term(
     id="clearance",
+    place=220,
     says="The tendon has room in its channel: taut, it cuts corners and turns less than the channel.",
     law="turning scaled by 1 − share·(1 − exp(−T/tension))",
     seen="Less friction than at low tension once the tendon is taut.",

@@ -3,8 +3,12 @@
 import math
 
 import jax.numpy as jnp
+import numpy as np
 
 from .term import Quantity, Term
+from .tried import At, Prior, Rig, Start, Tried, Variant
+
+NEAREST = 1e-3  # m, least distance that the tip counts as going
 
 
 def stop(p, place):
@@ -18,8 +22,47 @@ def stop_normal(p):
     return flat * jnp.cos(p["angle"]), flat * jnp.sin(p["angle"]), jnp.sin(p["elevation"])
 
 
+def _farthest(travel: np.ndarray) -> tuple[dict[str, float], float]:
+    """Direction in which the tip goes farthest across the base tangent, as the angles of a stop in its way
+    [rad], by name, and how far it goes [m]; `travel` as of `Rig`.
+    """
+    if travel.ndim == 1:
+        low, high = (float(v) for v in travel)
+        return {"angle": (1.0 if high >= -low else -1.0) * np.pi / 2}, max(high, -low, NEAREST)
+    across = travel[:, 1:]
+    y, z = across[np.argmax(np.linalg.norm(across, axis=1))]
+    side = 1.0 if y >= 0 else -1.0
+    reach = max(float(np.hypot(y, z)), NEAREST)
+    return {"angle": side * np.pi / 2, "elevation": float(np.arctan2(z, abs(y)))}, reach
+
+
+def way(rig: Rig) -> dict[str, float]:
+    """The stop is in the tip's way: in which direction it is run into follows from that of the bend."""
+    return _farthest(rig.travel)[0]
+
+
+def prior(rig: Rig) -> dict[str, Prior]:
+    """The stop is of any stiffness, about half way."""
+    _, reach = _farthest(rig.travel)
+    return {
+        "stiffness": Prior(centre=200.0, sd=1.5, log=True, lower=1.0, size=False),
+        "distance": Prior(centre=0.5 * reach, sd=0.4 * reach),
+    }
+
+
+def starts(at: At, rig: Rig) -> list[Start]:
+    """Soft and stiff stops along the way."""
+    _, reach = _farthest(rig.travel)
+    return [
+        {"stiffness": stiffness, "distance": share * reach}
+        for share in (0.3, 0.6, 0.85)
+        for stiffness in (100.0, 600.0)
+    ]
+
+
 TERM = Term(
     id="contact",
+    place=520,
     says="The tip runs into a stop at one place of its path.",
     law="force stiffness·depth against angle, once the tip is beyond distance in that direction; in space "
     "the stop is a plane, its normal (cos angle cos elevation, sin angle cos elevation, sin elevation)",
@@ -60,4 +103,5 @@ TERM = Term(
     stop=stop,
     stop_angle=lambda p: p["angle"],
     stop_normal=stop_normal,
+    tried=Tried(variants=(Variant("", ("stiffness", "distance"), prior, starts, way),)),
 )

@@ -4,6 +4,7 @@ from .term import Quantity, Term
 
 TERM = Term(
     id="crosstalk",
+    place=630,
     says="The load cell at the tip also feels the base tension, through mount, amplifier or cable.",
     law="T_tip shown = T_tip + share·T_base",
     seen="The tip seems to follow the base during the transition, when it should stand still.",
@@ -12,4 +13,5 @@ TERM = Term(
         Quantity("share", "dimensionless", 0.0, 0.01, "Share of the base tension shown.", (-0.05, 0.05)),
     ),
     tip=lambda p, T, at: T + p["share"] * at.T_base,
+    exact=True,
 )

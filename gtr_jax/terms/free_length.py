@@ -4,6 +4,7 @@ from .term import Quantity, Term
 
 TERM = Term(
     id="free-length",
+    place=410,
     says="Tendon that runs free between the motor, its load cell and the sheath stretches, or the mount of "
     "the motor gives way.",
     law="drawn out at the base: compliance·T_base more; compliance = free length/EA + that of the mount",

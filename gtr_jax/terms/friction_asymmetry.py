@@ -6,6 +6,7 @@ from .term import Quantity, Term
 
 TERM = Term(
     id="friction-asymmetry",
+    place=150,
     says="Friction differs between slip towards the base and towards the tip.",
     law="μ while pulling, ratio·μ while releasing",
     seen="ln(T_tip/T_base) has a constant odd part: one branch is off, the other is not.",

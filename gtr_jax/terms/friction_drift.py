@@ -4,6 +4,7 @@ from .term import Quantity, Term
 
 TERM = Term(
     id="friction-drift",
+    place=170,
     says="Friction changes with time, whether or not the tendon moves: temperature, drying, a settling seal.",
     law="μ (1 + rate·t)",
     seen="The loop drifts with time, through holds too.",

@@ -5,6 +5,7 @@ import dataclasses
 import jax.numpy as jnp
 
 from .term import Quantity, Term
+from .tried import Tried, Variant, along_each
 
 
 def loads(p, given):
@@ -15,6 +16,7 @@ def loads(p, given):
 
 TERM = Term(
     id="gravity-error",
+    place=510,
     says="Gravity acts in another direction, or on another weight, than the model says.",
     law="acceleration (x, y), in space (x, y, z), added to gravity",
     seen="The pose is off at every tension, as the whole body sags otherwise.",
@@ -27,4 +29,9 @@ TERM = Term(
         Quantity("z", "m/s^2", 0.0, 2.0, "Acceleration added out of the plane of x and y.", (-10.0, 10.0)),
     ),
     loads=loads,
+    adds_to="gravity",
+    tried=Tried(
+        variants=(Variant(starts=lambda at, rig: along_each(at, (0.1, 0.5))),),
+        where=lambda rig: rig.loaded,
+    ),
 )

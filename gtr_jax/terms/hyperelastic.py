@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 
 from .term import Quantity, Term
+from .tried import NEVER
 
 
 def _extra(p, square):
@@ -25,6 +26,7 @@ def bend_in_space(p, strain, at):
 
 TERM = Term(
     id="hyperelastic",
+    place=310,
     says="The body is of rubber, which grows softer or stiffer with its strain.",
     law="M = EI e (1 + 3 second·x² + 135/16 third·x⁴), x = |e| c, e = κ − κ₀, c the radius; second = "
     "C₂/C₁, third = C₃/C₁ of Yeoh's energy C₁ (I₁ − 3) + C₂ (I₁ − 3)² + C₃ (I₁ − 3)³, E = 6 C₁",
@@ -49,4 +51,5 @@ TERM = Term(
     discs_only=True,
     round_only=True,
     by_strain=True,
+    tried=NEVER,  # on a body of one radius it is stiffening by another name
 )

@@ -3,6 +3,11 @@
 import jax.numpy as jnp
 
 from .term import Quantity, Term
+from .tried import NINE_OF_TEN, At, Prior, Rig, Start, Tried, Variant
+
+# Friction of the stretches that are tried over that elsewhere, and their ends as shares of the length.
+FACTORS = (2.5, 0.45)
+STRETCHES = ((0.02, 0.2), (0.2, 0.4), (0.4, 0.6), (0.6, 0.8), (0.8, 0.98), (0.25, 0.6), (0.5, 0.9))
 
 
 def friction(p, at):
@@ -24,8 +29,27 @@ def fault(values, length):
     return "" if values["start"] < length else f"start must lie on the body, below {1e3 * length:g} mm"
 
 
+def prior(rig: Rig) -> dict[str, Prior]:
+    """The stretch lies anywhere along the body."""
+    length, sd = rig.length, 0.6 * (0.5 * rig.length / NINE_OF_TEN)
+    return {
+        "start": Prior(centre=0.35 * length, sd=sd, upper=0.97 * length),
+        "end": Prior(centre=0.65 * length, sd=sd, lower=0.03 * length, upper=length),
+    }
+
+
+def starts(at: At, rig: Rig) -> list[Start]:
+    """Stretches along the body, rougher and smoother than the rest."""
+    return [
+        {"factor": factor, "start": start * rig.length, "end": end * rig.length}
+        for factor in FACTORS
+        for start, end in STRETCHES
+    ]
+
+
 TERM = Term(
     id="local-friction",
+    place=210,
     says="Friction is higher in one place: a pulley or entry at the base, the anchor, or a rough stretch.",
     law="T multiplied by exp(∓base) ahead of the channel, by exp(∓tip) at the anchor; "
     "μ·factor from start to end",
@@ -52,4 +76,11 @@ TERM = Term(
     fault=fault,
     base_grip=lambda p: p["base"],
     tip_grip=lambda p: p["tip"],
+    tried=Tried(
+        variants=(
+            Variant("base", ("base",)),
+            Variant("tip", ("tip",)),
+            Variant("stretch", ("factor", "start", "end"), prior, starts),
+        )
+    ),
 )

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 
 from .term import Quantity, Term
+from .tried import Tried, Variant
 
 
 def filtered(time, T, clock):
@@ -63,6 +64,7 @@ def behind(time, second, shown, clock):
 
 TERM = Term(
     id="low-pass",
+    place=670,
     says="A load cell, or its amplifier, follows the tension with a lag.",
     law="time·ẋ + x = T, second·time·ẏ + y = x, shown = y, for each cell its own time",
     seen="The loop widens with the rate, and a step is followed by an exponential, or by an S of two.",
@@ -86,4 +88,13 @@ TERM = Term(
     tip=lambda p, T, at: shown_by(p["tip"], p["second"], T, at.time),
     base=lambda p, T, at: shown_by(p["base"], p["second"], T, at.time),
     true_base=lambda p, shown, at: behind(p["base"], p["second"], shown, at.time),
+    tried=Tried(
+        variants=(
+            Variant("tip", ("tip",)),
+            Variant("base", ("base",)),
+            Variant("tip-second", ("tip", "second")),
+            Variant("base-second", ("base", "second")),
+        ),
+        shared=("second",),
+    ),
 )

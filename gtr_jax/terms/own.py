@@ -24,6 +24,7 @@ from gtr_jax.dimension import dimension_of_unit
 from gtr_jax.errors import InputError, did_you_mean, listed, reason
 
 from .term import Bent, Channel, Clock, Passing, Quantity, Term
+from .tried import fault_of
 
 # Entry points of installed packages, and the variable that names Python files, apart as paths are in PATH.
 GROUP, VARIABLE = "gtr_jax.terms", "GTR_JAX_TERMS"
@@ -127,8 +128,8 @@ def _hooks(term: Term) -> dict[str, _Hook]:
     }
 
 
-# Hooks that the terms of the catalogue alone have: a robot has one memory of friction, loads and stops are
-# known to the diagnosis by name, and events are looked for by their own search.
+# Hooks that the terms of the catalogue alone have: a robot has one memory of friction, what loads and stops
+# do at null is not checked here, and events are looked for by their own search.
 CLOSED = ("mobilise", "loads", "stop", "stop_angle", "stop_normal", "tugged")
 
 
@@ -169,6 +170,12 @@ def check_term(term: Any, known: Mapping[str, Term], where: str) -> None:
         raise InputError(
             f"{at}: bend needs bend_in_space beside it; give both, or say why not in space in not_in_space"
         )
+    try:
+        fault = fault_of(term.tried, {q.name: float(q.typical) for q in term.quantities})
+    except Exception as error:  # of any kind: it is the user's code
+        fault = f"what is tried of it cannot be computed ({reason(error)}); correct its functions"
+    if fault:
+        raise InputError(f"{at}: {fault}")
     for name in given:
         _check_hook(term, name, hooks[name], at)
 
@@ -335,6 +342,10 @@ def _said(value: Any, seen: set[int]) -> bytes:
     """A value as bytes that are the same in every process; functions by their code and what it draws on."""
     if isinstance(value, functools.partial):
         return b"|".join(_said(part, seen) for part in (value.func, value.args, value.keywords))
+    if dataclasses.is_dataclass(value):
+        return b"|".join(_said(getattr(value, field.name), seen) for field in dataclasses.fields(value))
+    if isinstance(value, tuple):
+        return b",".join(_said(part, seen) for part in value)
     if not isinstance(value, FunctionType):
         return repr(value).encode()
     if id(value) in seen:

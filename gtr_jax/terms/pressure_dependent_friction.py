@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 
 from .term import Quantity, Term
+from .tried import Tried, Variant
 
 LEAST = 1e-6  # of the reference pressure: below it the factor, which would diverge at 0, is constant
 
@@ -15,6 +16,7 @@ def by_pressure(p, at):
 
 TERM = Term(
     id="pressure-dependent-friction",
+    place=130,
     says="The friction coefficient falls as the tendon presses harder on its channel.",
     law="μ (N/reference)^(exponent − 1), N = T κ_c the line pressure",
     seen="The share of tension that is lost falls with the tension.",
@@ -35,4 +37,6 @@ TERM = Term(
         ),
     ),
     by_pressure=by_pressure,
+    # The reference cannot be told from mu.
+    tried=Tried(variants=(Variant(free=("exponent",)),)),
 )

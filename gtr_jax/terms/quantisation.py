@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 
 from .term import Quantity, Term
+from .tried import NEVER
 
 
 def stepped(step, T):
@@ -15,6 +16,7 @@ def stepped(step, T):
 
 TERM = Term(
     id="quantisation",
+    place=700,
     says="A load cell is read in whole steps.",
     law="shown = step·round(T/step), for each cell its own step",
     seen="Samples take few values, all multiples of one force.",
@@ -25,4 +27,5 @@ TERM = Term(
     ),
     tip=lambda p, T, at: stepped(p["tip"], T),
     base=lambda p, T, at: stepped(p["base"], T),
+    tried=NEVER,  # read from the samples themselves
 )

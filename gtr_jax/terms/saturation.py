@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 
 from .term import Quantity, Term
+from .tried import At, Prior, Rig, Start, Tried, Variant
 
 
 def cut(limit, knee, T):
@@ -23,8 +24,25 @@ def fault(values, length):
     return "knee must be at most twice the lower limit" if wide else ""
 
 
+def prior(rig: Rig) -> dict[str, Prior]:
+    """A limit is about as high as the largest reading; a knee is at most as wide as its limit is high, and
+    mostly a tenth of it.
+    """
+    limit = Prior(centre=rig.largest_tip, sd=0.15, log=True, lower=1e-3, size=False)
+    knee = Prior(centre=0.1 * rig.largest_tip, sd=1.0, log=True, upper=rig.largest_tip)
+    return {"tip": limit, "base": limit, "knee": knee}
+
+
+def starts(at: At, rig: Rig) -> list[Start]:
+    """Limits below the largest reading."""
+    limit, *shapes = at
+    shape = {name: at[name](0.0) for name in shapes}
+    return [{limit: share * rig.largest_tip} | shape for share in (0.97, 0.9, 0.75)]
+
+
 TERM = Term(
     id="saturation",
+    place=690,
     says="A load cell or its amplifier shows nothing above a limit.",
     law="shown = min(T, limit), for each cell its own limit; within knee/2 of it "
     "shown = T − (T − limit + knee/2)²/(2 knee)",
@@ -48,4 +66,13 @@ TERM = Term(
     fault=fault,
     tip=lambda p, T, at: cut(p["tip"], p["knee"], T),
     base=lambda p, T, at: cut(p["base"], p["knee"], T),
+    tried=Tried(
+        variants=(
+            Variant("tip", ("tip",), prior, starts),
+            Variant("base", ("base",), prior, starts),
+            Variant("tip-knee", ("tip", "knee"), prior, starts),
+            Variant("base-knee", ("base", "knee"), prior, starts),
+        ),
+        shared=("knee",),
+    ),
 )

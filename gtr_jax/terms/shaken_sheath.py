@@ -1,6 +1,10 @@
 """The sheath is shaken for a while, which lowers friction."""
 
 from .term import Quantity, Term, rise
+from .tried import At, Moments, Start, Tried, Variant
+
+# Share of friction that shaking is tried with, how fast it comes and goes, and the shortest tried [s].
+SHARE, EDGE, SHORTEST = 0.6, 0.05, 0.1
 
 
 def shaking(p, time):
@@ -9,8 +13,17 @@ def shaking(p, time):
     return rise((time - p["time"]) / p["edge"]) * rise((end - time) / p["edge"])
 
 
+def starts(at: At, moments: Moments) -> list[Start]:
+    """Shaking during each misfit that lies where friction should hold the tip."""
+    return [
+        {"share": SHARE, "time": start - EDGE, "duration": max(lasts, SHORTEST) + 2 * EDGE}
+        for start, lasts in moments.held
+    ]
+
+
 TERM = Term(
     id="shaken-sheath",
+    place=180,
     says="The sheath is shaken or knocked for a while, and friction is lower meanwhile.",
     law="μ (1 − share·S((t − time)/edge)·S((time + duration − t)/edge)), S(x) = 3x² − 2x³ from 0 to 1; "
     "what friction no longer holds relaxes",
@@ -40,4 +53,7 @@ TERM = Term(
     event=True,
     loosens=True,
     friction=lambda p, at: 1 - p["share"] * shaking(p, at.time),
+    tried=Tried(
+        variants=(Variant("", ("share", "time", "duration"), None, starts, lambda moments: {"edge": EDGE}),)
+    ),
 )

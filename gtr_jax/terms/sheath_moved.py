@@ -1,9 +1,20 @@
 """The sheath is moved, and friction differs from then on."""
 
 from .term import Quantity, Term, rise
+from .tried import At, Moments, Start, Tried, Variant
+
+# Relative changes of friction that are tried, and how long the move takes [s].
+CHANGES, TAKES = (0.15, -0.15), 0.3
+
+
+def starts(at: At, moments: Moments) -> list[Start]:
+    """More friction, and less, from any time on."""
+    return [{"change": change, "time": time} for change in CHANGES for time in moments.begins]
+
 
 TERM = Term(
     id="sheath-moved",
+    place=190,
     says="The sheath is moved, or a clamp slips: its wrap, and with it friction, differs from then on.",
     law="μ (1 + change·S((t − time)/duration)), S(x) = 3x² − 2x³ from 0 to 1, never below 0; "
     "what friction no longer holds relaxes",
@@ -21,4 +32,7 @@ TERM = Term(
     event=True,
     loosens=True,
     friction=lambda p, at: 1 + p["change"] * rise((at.time - p["time"]) / p["duration"]),
+    tried=Tried(
+        variants=(Variant("", ("change", "time"), None, starts, lambda moments: {"duration": TAKES}),)
+    ),
 )

@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 
 from .term import Quantity, Term
+from .tried import At, Prior, Rig, Start, Tried, Variant
 
 
 def bend(p, kappa, at):
@@ -25,8 +26,26 @@ def bend_in_space(p, strain, at):
     return (0.0 * y, extra(y, z, soft_y, soft_z), extra(z, y, soft_z, soft_y)), at.kept
 
 
+def _unit(rig: Rig) -> float:
+    """One over the square of the largest change of curvature [m^2]. Below -4/27 of it the moment has a
+    maximum below the applied moment, and the body would buckle.
+    """
+    return max(rig.bend, 1e-6) ** -2
+
+
+def prior(rig: Rig) -> dict[str, Prior]:
+    """The stiffness changes by less than itself."""
+    return {"coefficient": Prior(sd=0.4 * _unit(rig), lower=-0.13 * _unit(rig))}
+
+
+def starts(at: At, rig: Rig) -> list[Start]:
+    """Bodies that stiffen and that soften."""
+    return [{"coefficient": share * _unit(rig)} for share in (0.12, 0.4, -0.05, -0.11)]
+
+
 TERM = Term(
     id="stiffening",
+    place=300,
     says="The body grows stiffer (or softer) the more it bends.",
     law="M = EI (κ − κ₀)(1 + coefficient·(κ − κ₀)²); in space with the vector of both bendings, "
     "from the energy coefficient/4·(e·EI e)|e|², e = κ − κ₀",
@@ -39,4 +58,5 @@ TERM = Term(
     ),
     bend=bend,
     bend_in_space=bend_in_space,
+    tried=Tried(variants=(Variant("", ("coefficient",), prior, starts),)),
 )

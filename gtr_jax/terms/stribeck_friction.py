@@ -12,6 +12,7 @@ def friction(p, at):
 
 TERM = Term(
     id="stribeck-friction",
+    place=120,
     says="Friction is higher while the tendon slips slowly, or has just begun to.",
     law="μ (1 + ratio·exp(−(v/speed)²)), v the speed in the load step before",
     seen="Slow slip and the start of each slip cost more; overshoot after holds and reversals.",

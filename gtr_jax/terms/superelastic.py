@@ -8,6 +8,7 @@ transformed stays as it is between a curve on which it grows and one on which it
 import jax.numpy as jnp
 
 from .term import Quantity, Term
+from .tried import Tried, Variant
 
 ROUNDING = 1e-28  # squared distance from the middle of the ball, over the squared bend, that is only rounding
 
@@ -65,6 +66,7 @@ def fault(values, length):
 
 TERM = Term(
     id="superelastic",
+    place=320,
     says="A body of nitinol is superelastic: where it is strained beyond its plateau it grows soft, and it "
     "unloads on a lower plateau.",
     law="M = EI (e − softening·q), e = κ − κ₀; bent farther q(e) = e (1 − 1.5/x + 0.5/x³) where x = |e| "
@@ -122,4 +124,10 @@ TERM = Term(
     remembers=1,
     round_only=True,
     fault=fault,
+    tried=Tried(
+        variants=(
+            Variant(free=("softening", "strain")),
+            Variant("unloading", ("hysteresis",), within=True),
+        )
+    ),
 )

@@ -13,6 +13,8 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from .tried import PLAINLY, Tried
+
 Values = Mapping[str, Float[Array, "*each"]]
 
 # A slip [m], a speed [m/s] or a curvature [1/m] that is only rounding, while nothing moves. Laws whose
@@ -39,6 +41,8 @@ class Quantity:
         log: whether it is estimated on a logarithmic scale.
         size: whether it sets the strength of the effect; the other numbers set its form, and have no effect
             while all sizes are null.
+        assumed: whether every robot has it though its file may not state it: what it changes is then
+            uncertain by its typical value.
     """
 
     name: str
@@ -51,6 +55,7 @@ class Quantity:
     upper: float | None = None
     log: bool = False
     size: bool = True
+    assumed: bool = False
 
 
 class Channel(NamedTuple):
@@ -134,6 +139,10 @@ class Term:
 
     Attributes:
         id: its `kind` in robot files.
+        place: where it stands among the terms, smallest first and at equal places by name. Terms act in this
+            order, those of the load cells from the true tension to the tension shown. Those that state none
+            come first, as terms of users do.
+        tried: what a diagnosis tries of it.
         says: one sentence for people.
         law: its equation.
         seen: what it looks like in a recording.
@@ -147,9 +156,12 @@ class Term:
             the neighbouring section instead of against the base.
         relaxes: whether the body goes on bending where the tendon is locked, and carries it along; the first
             number that `bend` remembers is then its moment over EI.
-        softens: whether `bend` may take away most of the stiffness.
+        softens: whether `bend` may take away most of the stiffness; it is then tried of bodies of metal only.
+        exact: whether its law holds by definition, as an offset or a delay does, and not as well as a law of
+            matter can.
         by_strain: whether `bend` depends on the strain of the outermost fibre. by_place: on the arc length.
-        event: whether it happens once, at a time of its own.
+        event: whether it happens once, at a time of its own, its number `time`. It is tried only where a
+            misfit is located in time, and that time is anywhere in the recording.
         loosens: whether `friction` falls with time, cycles or what is drawn out where the tendon is locked,
             so that the tension held there relaxes.
         reads_speed: whether `friction`, `by_pressure` or `drag` depends on the speed of the slip in the
@@ -174,6 +186,8 @@ class Term:
         tugged: tension added to the tendon's end at the tip from outside [N], from the time [s].
         ahead: stretch of the tendon ahead of the channel [m], from the base tension [N].
         loads: the external loads, from those of the robot.
+        adds_to: the dead load to which `loads` adds the numbers x, y and, in space, z: "tip_force" [N] or
+            "gravity" [m/s^2]; both keep their direction where a rig is turned. "" for another load.
         stop: force of a stop on the tip [N] against `stop_angle`, from the tip's place along it [m], affine;
             none acts where that is negative.
         stop_angle: direction [rad] from the base tangent in which the stop is run into.
@@ -186,6 +200,8 @@ class Term:
             or "".
         tip, base: what the cell at the tip, or the base, shows for true tensions.
         true_base: the true base tensions for what its cell shows; the inverse of `base`.
+        read_at: of a cell at the tip that is read late, the times [s] whose tension it shows, from those of
+            the samples [s] and what has passed since the first of them [s].
     """
 
     id: str
@@ -194,6 +210,8 @@ class Term:
     seen: str
     told_apart: str
     quantities: tuple[Quantity, ...]
+    place: int = 0
+    tried: Tried = PLAINLY
     across: tuple[Quantity, ...] = ()
     source: str = ""
     note: str = ""
@@ -201,6 +219,7 @@ class Term:
     creeps: bool = False
     relaxes: bool = False
     softens: bool = False
+    exact: bool = False
     by_strain: bool = False
     by_place: bool = False
     event: bool = False
@@ -225,6 +244,7 @@ class Term:
     tugged: Callable[[Values, Array], Array] | None = None
     ahead: Callable[[Values, Array], Array] | None = None
     loads: Callable[[Values, Any], Any] | None = None
+    adds_to: str = ""
     stop: Callable[[Values, Array], Array] | None = None
     stop_angle: Callable[[Values], Array] | None = None
     stop_normal: Callable[[Values], tuple[Array, Array, Array]] | None = None
@@ -235,6 +255,7 @@ class Term:
     tip: Cell | None = None
     base: Cell | None = None
     true_base: Cell | None = None
+    read_at: Callable[[Mapping[str, Any], Any, Any], Any] | None = None
 
     @property
     def of_cells(self) -> bool:

@@ -5,6 +5,7 @@ import dataclasses
 import jax.numpy as jnp
 
 from .term import Quantity, Term
+from .tried import Tried, Variant, along_each
 
 
 def loads(p, given):
@@ -15,6 +16,7 @@ def loads(p, given):
 
 TERM = Term(
     id="tip-load",
+    place=500,
     says="A force pulls on the tip that the model does not know: a cable, a tool, a camera.",
     law="dead force (x, y), in space (x, y, z), on the tip",
     seen="The pose is off at every tension, most when slack; tensions hardly tell.",
@@ -25,4 +27,8 @@ TERM = Term(
     ),
     across=(Quantity("z", "N", 0.0, 0.05, "Force out of the plane of x and y.", (-0.5, 0.5)),),
     loads=loads,
+    adds_to="tip_force",
+    tried=Tried(
+        variants=(Variant(starts=lambda at, rig: along_each(at, (0.1, 0.5))),),
+    ),
 )

@@ -1,9 +1,11 @@
 """The tendon's end at the tip is moved, or let go, from outside."""
 
 from .term import Quantity, Term, rise
+from .tried import NEVER
 
 TERM = Term(
     id="tip-moved",
+    place=200,
     says="The tendon's end at the tip, with its load cell, is moved from outside or let go.",
     law="T_tip changes by tension·S((t − time)/duration), S(x) = 3x² − 2x³ from 0 to 1, as far as friction "
     "to the base allows; T_tip exp(∓μ(θ(L) − θ)) bounds the tension that is held",
@@ -29,4 +31,5 @@ TERM = Term(
     event=True,
     timed=True,
     tugged=lambda p, time: p["tension"] * rise((time - p["time"]) / p["duration"]),
+    tried=NEVER,  # its free time and tension would fit any bump
 )

@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 
 from .term import APART, Bent, Quantity, Term, spread_out
+from .tried import Tried, Variant
 
 
 def bend(p, kappa, at):
@@ -28,6 +29,7 @@ def bend_in_space(p, strain, at):
 
 TERM = Term(
     id="viscoelastic-body",
+    place=330,
     says="The body creeps: bent quickly it is stiffer than bent slowly.",
     law="M = EI (κ − κ₀) + Σ q_j, q̇_j = ratio/4·EI κ̇ − q_j/t_j, "
     "t_j = time·10^(spread·(−3/2, −1/2, 1/2, 3/2)); in space so for twist and each bending",
@@ -72,4 +74,10 @@ TERM = Term(
     bend=bend,
     bend_in_space=bend_in_space,
     remembers=1 + len(APART),
+    tried=Tried(
+        variants=(
+            Variant(free=("ratio", "time")),
+            Variant("spectrum", ("ratio", "time", "spread")),
+        )
+    ),
 )

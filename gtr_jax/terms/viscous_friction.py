@@ -1,6 +1,7 @@
 """Friction grows with the speed of the slip."""
 
 from .term import Quantity, Term
+from .tried import Tried, Variant
 
 # Speed at which all exponents give the same [m/s], and below which the law is linear, as a share of it.
 SPEED, SLOW = 0.01, 0.02
@@ -14,6 +15,7 @@ def by_speed(p, speed):
 
 TERM = Term(
     id="viscous-friction",
+    place=110,
     says="Friction grows with the speed at which the tendon slips.",
     law="μ + coefficient·v·(v/10 mm/s)^(exponent − 1), linear below 0.2 mm/s",
     seen="The loop widens with the rate, while pulling and while releasing; it narrows during holds.",
@@ -36,4 +38,10 @@ TERM = Term(
     timed=True,
     creeps=True,
     by_speed=by_speed,
+    tried=Tried(
+        variants=(
+            Variant(free=("coefficient",)),
+            Variant("power", ("coefficient", "exponent")),
+        )
+    ),
 )

@@ -4,6 +4,7 @@ from .term import Quantity, Term
 
 TERM = Term(
     id="wear",
+    place=160,
     says="Friction changes with every pull and release: running in, or wear.",
     law="μ (1 + rate·cycle), never below 0; "
     "cycle: the way T_base has gone, over twice its range in the recording",

@@ -76,7 +76,7 @@ def test_all_effects_are_named_where_an_error_of_one_law_cannot_be_what_is_left(
     )
     before = SimpleNamespace(verdict="as-before", chosen=base)
     monkeypatch.setattr(decide, "decide", lambda m: before)
-    monkeypatch.setattr(decide, "between_samples", lambda likelihood, f: between)
+    monkeypatch.setattr(decide, "between_samples", lambda likelihood, f, late: between)
     monkeypatch.setattr(decide, "misfit", lambda likelihood, f: (0.1, 0.3))
     monkeypatch.setattr(decide, "_told_apart", lambda *some: ([("a", "b")], 1.0))
     nearest = decide.Decision(
@@ -112,9 +112,10 @@ def test_a_delay_may_leave_what_the_tension_turns_between_two_samples(time, name
     fitted = SimpleNamespace(values=delay, seen=[SimpleNamespace(values=np.stack([T, T]))])
     late = np.asarray(time, float) - 0.5
     beside = np.count_nonzero((late > 1) & (late < 3))
-    assert between_samples(cast(Any, likelihood), cast(Any, fitted)) == pytest.approx(beside * 0.5**2)
+    left = between_samples(cast(Any, likelihood), cast(Any, fitted), ["time-skew"])
+    assert left == pytest.approx(beside * 0.5**2)
     fitted.values = {}
-    assert between_samples(cast(Any, likelihood), cast(Any, fitted)) == 0.0
+    assert between_samples(cast(Any, likelihood), cast(Any, fitted), ["time-skew"]) == 0.0
 
 
 def test_a_model_is_judged_again_once_a_much_better_fit_of_it_is_found(monkeypatch):

@@ -11,11 +11,7 @@ from test_episodes import SHEATH, K, likelihood_of, part
 
 import calibrate
 import gtr_jax as gtr
-from calibrate.diagnosis.hypotheses.hypotheses import (
-    INSTRUMENT_NUMBERS,
-    instrument_numbers,
-    zero_drift,
-)
+from calibrate.diagnosis.hypotheses.hypotheses import INSTRUMENT_NUMBERS, instrument_numbers
 from calibrate.diagnosis.likelihood.likelihood import Likelihood
 from calibrate.diagnosis.likelihood.recording_length import LongRecordings, ShortRecordings, rules_for
 from calibrate.diagnosis.outside.episodes import AFTER_GAP, episodes
@@ -26,6 +22,7 @@ from calibrate.inference.simulated_rig import SimulatedRig
 from gtr_jax import Recording
 from gtr_jax.config.config import parse_config
 from gtr_jax.recordings.base_tension import exact
+from gtr_jax.terms.zero_drift import drift_while_slack
 
 CONFIG = parse_config(SHEATH)
 
@@ -123,9 +120,9 @@ def test_an_episode_behind_a_gap_says_so_and_is_no_event():
 def test_what_instruments_add_is_little_and_zeros_are_read_while_slack():
     time = np.linspace(0.0, 100.0, 2001)
     T = np.maximum(8 * np.sin(time / 4), 0.0)
-    assert zero_drift(time, T) == 0.0
-    assert zero_drift(time, T + 1e-3 * time) == pytest.approx(1e-3, rel=0.05)
-    assert zero_drift(time, T + 3.0) is None  # never slack
+    assert drift_while_slack(time, T) == 0.0
+    assert drift_while_slack(time, T + 1e-3 * time) == pytest.approx(1e-3, rel=0.05)
+    assert drift_while_slack(time, T + 3.0) is None  # never slack
     own = dataclasses.replace(part(), T_base=exact(T[:K]), recorded=0.5 * T[None, :K], time=time[:K])
     numbers = {n.name: n for n in instrument_numbers(own)}
     assert set(numbers) == INSTRUMENT_NUMBERS and not any(n.size for n in numbers.values())

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from calibrate.diagnosis.likelihood.likelihood import SCANNED, change_by
+from calibrate.diagnosis.hypotheses.hypotheses import DELAYS
+from calibrate.diagnosis.likelihood.likelihood import change_by
 from calibrate.diagnosis.outside.disturbances import behind_gaps, disturbances, within
 from calibrate.diagnosis.outside.leave_out import Stretch, without
 from calibrate.inference.setup import Observation
@@ -55,6 +56,6 @@ def _from_outside(part: Observation, start: Start) -> list[Stretch]:
     slope = change_by(rig, values, 0)
     if seen is None or slope is None:
         return []
-    delay = values.get(SCANNED, 0.0)
+    delay = sum(values.get(name, 0.0) for name in DELAYS)
     found = [*disturbances(part, thinned, seen, slope[0], delay), *behind_gaps(part, thinned, seen)]
     return within(found, part.samples)

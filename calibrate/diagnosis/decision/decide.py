@@ -15,6 +15,7 @@ from calibrate.diagnosis.likelihood.locate import between_samples, misfit
 from calibrate.diagnosis.likelihood.structure import may_stay, structured
 from calibrate.diagnosis.outside.patterns import Pattern, pattern_in
 from calibrate.diagnosis.screening.screen import SEEN, Screened
+from gtr_jax.terms import REGISTRY
 
 from .verdict import ALONE, AMBIGUOUS, MISSING, UNEXPLAINED, Quantities, Verdict, verdict
 
@@ -36,8 +37,10 @@ NEARLY_ALL = 0.95
 # what these explain are this part of those of a law of matter. In some recordings a delay between the cells
 # explains 560 standard deviations: with 30 % of those allowed, the stretch of a tendon beside it, 42, was
 # taken for an error of the delay.
-DEFINED = frozenset({"base-offset", "tip-offset", "base-gain", "tip-gain", "crosstalk", "time-skew"})
+DEFINED = frozenset(kind for kind, term in REGISTRY.items() if term.exact)
 OF_DEFINED = 0.1
+# Effects by which a cell shows the tension of times between the samples.
+LATE = frozenset(kind for kind, term in REGISTRY.items() if term.read_at)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -223,7 +226,8 @@ def _of_inexact_laws(models: Models, fitted: Fitted) -> float:
     defined = [name for name in fitted.names if models.of[name].kind in DEFINED]
     part = models.fits.get(tuple(sorted(defined)), models.base)
     by_definition, by_laws = models.base.chi2 - part.chi2, max(part.chi2 - fitted.chi2, 0.0)
-    more = between_samples(models.likelihood, fitted) if "time-skew" in _kinds(models, fitted.names) else 0.0
+    late = LATE & _kinds(models, fitted.names)
+    more = between_samples(models.likelihood, fitted, late) if late else 0.0
     return max(INEXACT) ** 2 * (by_laws + OF_DEFINED**2 * by_definition) + more
 
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from calibrate.diagnosis.hypotheses.hypotheses import Hypothesis
+from calibrate.diagnosis.hypotheses.hypotheses import DELAYS, Hypothesis
 from calibrate.diagnosis.hypotheses.model import Fitted, Model, Point, model_of
 from calibrate.inference.channels import quantity_of
 from calibrate.inference.instruments import tendon_of_channel
@@ -33,9 +33,9 @@ STEP, LARGEST_STEP = 0.02, 1.5
 # Iterations of a refit; damped steps with one Jacobian; promised drop of the cost below which it ends.
 MOST_ITERATIONS, TRIES, SETTLED = 14, 6, 0.05
 RULES = Rules(BY_DIFFERENCES, tries=TRIES, longest=LARGEST_STEP, settled=SETTLED, updated=True)
-# The number of the instruments that is scanned, from minus to plus one standard deviation of its prior; and
-# how far times of events are scanned to each side, in the changes that matter.
-SCANNED, TIMES = "time-skew.delay", 13
+# At how many values a delay of the instruments is scanned, from minus to plus one standard deviation of its
+# prior; and how far times of events are scanned to each side, in the changes that matter.
+TIMES = 13
 ASIDE = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 12.0, 16.0, 24.0, 32.0)
 # Discretisation error that remains after the correction to a fine mesh, as a share of a channel's range.
 DISCRETE = 1e-4
@@ -289,12 +289,12 @@ class Likelihood:
         ]
 
     def scanned(self, model: Model, x: np.ndarray) -> np.ndarray:
-        """Coordinates with the number in `SCANNED`, and then each time of an event, where the cost is least
+        """Coordinates with each number in `DELAYS`, and then each time of an event, where the cost is least
         while the others stay: the cost has a minimum beside each steep slope that another sample would meet.
         As they are, where none is free.
         """
         for i, n in enumerate(model.numbers):
-            if n.name == SCANNED and n in self.base:
+            if n.name in DELAYS and n in self.base:
                 places = np.linspace(-1, 1, TIMES)
             elif n.apart is not None:
                 places = x[i] + np.asarray([sign * a for a in ASIDE for sign in (-1, 1)]) * n.apart / n.sd

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from calibrate.inference.number import OWN
 from calibrate.inference.setup import Observation
 from gtr_jax.recordings.base_tension import turning_points
 from gtr_jax.simulation.phases import PULLING, RELEASING, TRANSITION, phases_of_slip
+from gtr_jax.terms import REGISTRY, Term
 
 from .likelihood import Likelihood
 
@@ -216,9 +218,14 @@ def misfit(likelihood: Likelihood, fitted: Fitted) -> tuple[float, float]:
     return float(excess), float((squares - blocks + min(free, blocks // 2)) / np.sqrt(2 * blocks))
 
 
-def between_samples(likelihood: Likelihood, fitted: Fitted) -> float:
+def between_samples(likelihood: Likelihood, fitted: Fitted, late: Collection[str]) -> float:
     """Sum of squares, in variances of the noise, that a delay of the tip's cell may leave because the tension
     between two samples is not known: it may turn there as much as it does from one interval to the next.
+
+    Args:
+        likelihood: the recordings.
+        fitted: a model of them.
+        late: its terms by which the cell is read late, those with `Term.read_at`.
     """
     found = []
     for rig, seen in zip(likelihood.rigs, fitted.seen, strict=True):
@@ -227,17 +234,20 @@ def between_samples(likelihood: Likelihood, fitted: Fitted) -> float:
         for row in range(part.tips):
             names = part.robot.tendon_names
             own = f".{names[tendon_of_channel(part, part.channels[row])]}" if names else ""
-            ends = (
-                fitted.values.get(f"time-skew.{name}{own}", fitted.values.get(f"time-skew.{name}", 0.0))
-                for name in ("delay", "rate")
-            )
             if part.time is not None:
-                off[row] = _turning(part.time, shown[row], *ends)
+                for term in (REGISTRY[kind] for kind in late):
+                    values = {
+                        q.name: fitted.values.get(
+                            f"{term.id}.{q.name}{own}", fitted.values.get(f"{term.id}.{q.name}", q.null)
+                        )
+                        for q in term.quantities
+                    }
+                    off[row] = np.maximum(off[row], _turning(part.time, shown[row], term, values))
         found.append(off)
     return float(np.sum(likelihood.robustify(likelihood.white(found)) ** 2))
 
 
-def _turning(time: np.ndarray, T: np.ndarray, delay: float, rate: float) -> np.ndarray:
+def _turning(time: np.ndarray, T: np.ndarray, term: Term, values: Mapping[str, float]) -> np.ndarray:
     """By how much a tension [N] that is read late may differ from one interpolated between samples, (K,)."""
     stamps, first = np.unique(time, return_index=True)
     if len(stamps) < 3:
@@ -245,7 +255,8 @@ def _turning(time: np.ndarray, T: np.ndarray, delay: float, rate: float) -> np.n
     steps = np.diff(stamps)
     turn = np.zeros(len(stamps))
     turn[1:-1] = np.abs(np.diff(np.diff(T[first]) / steps))
-    at = time - delay - rate * (time - stamps[0])
+    assert term.read_at is not None
+    at = term.read_at(values, time, time - stamps[0])
     k = np.clip(np.searchsorted(stamps, at, side="right") - 1, 0, len(steps) - 1)
     share = np.clip((at - stamps[k]) / steps[k], 0.0, 1.0)
     return share * (1 - share) * steps[k] * np.maximum(turn[k], turn[k + 1])

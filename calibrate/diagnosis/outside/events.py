@@ -7,27 +7,26 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calibrate.diagnosis.hypotheses.hypotheses import Hypothesis, number_of
+from calibrate.diagnosis.hypotheses.hypotheses import EVENTS, Hypothesis, hypothesis_of, numbers_of
 from calibrate.diagnosis.likelihood.likelihood import Likelihood
 from calibrate.inference.instruments import leading
+from calibrate.inference.number import Number
 from gtr_jax.terms import REGISTRY
+from gtr_jax.terms.tried import Moments
 
 from .episodes import SLIPPING, Episode
 
-MOVED, SHAKEN = "sheath-moved", "shaken-sheath"
-# Times at which a lasting change is tried, and its sizes; how long it takes [s].
-TIMES, CHANGES, TAKES = 16, (0.15, -0.15), 0.3
+# Times under tension at which an event is tried, and the change of such a time that matters [s].
+TIMES, MATTERS = 16, 0.15
 # Samples that it takes to tell an event from a law: in fewer, one is like a bad reading.
 FEWEST = 400
-# Share of friction that shaking is tried with, how fast it comes and goes, and the shortest tried [s].
-SHARE, EDGE, SHORTEST = 0.6, 0.05, 0.1
 
 
 def event_hypotheses(
     likelihood: Likelihood, found: Sequence[Episode], taken: Sequence[str]
 ) -> list[Hypothesis]:
-    """A lasting change of friction at some time, and shaking during the episodes in which friction should
-    hold the tip. None for several recordings, which do not share their events, and none for short ones.
+    """What may have happened once, as the terms of events state it, those with fewest numbers first. None for
+    several recordings, which do not share their events, and none for short ones.
 
     Args:
         likelihood: the recordings.
@@ -40,55 +39,39 @@ def event_hypotheses(
     # The terms count time from the first sample.
     begun = float(part.time[0])
     time, T_base = part.time - begun, part.drives[leading(part)].T_base
-    pulled = time[T_base > 0.05 * float(T_base.max())]
+    moments = _moments(time, T_base, begun, found)
     hypotheses = []
-    if MOVED not in taken and pulled.size:
-        change, when = _numbers(MOVED, ("change", "time"), time)
+    for kind in EVENTS - {*taken}:
+        term = REGISTRY[kind]
+        for variant in term.tried.variants:
+            free = numbers_of(term, variant, term.quantities)
+            hypotheses.append(hypothesis_of(term, variant, _anywhere(free, time), moments))
+    return sorted((h for h in hypotheses if h.starts), key=lambda h: (len(h.numbers), h.name))
+
+
+def _moments(time: np.ndarray, T_base: np.ndarray, begun: float, found: Sequence[Episode]) -> Moments:
+    """When an event may have happened, from the time since the first sample [s] and the base tension [N]."""
+    pulled = time[T_base > 0.05 * float(T_base.max())]
+    begins = []
+    if pulled.size:
         even = np.quantile(pulled, (np.arange(TIMES) + 0.5) / TIMES)
-        times = [*even, *(e.start_s - begun for e in found if e.start_s is not None)]
-        hypotheses.append(
-            Hypothesis(
-                name=MOVED,
-                kind=MOVED,
-                numbers=(change, when),
-                starts=tuple({change.name: c, when.name: float(t)} for c in CHANGES for t in times),
-                fixed={f"{MOVED}.duration": TAKES},
-            )
-        )
-    held = [e for e in found if e.kind != SLIPPING and e.start_s is not None and e.end_s is not None]
-    if SHAKEN not in taken and held:
-        share, when, duration = _numbers(SHAKEN, ("share", "time", "duration"), time)
-        starts = [
-            {
-                share.name: SHARE,
-                when.name: e.start_s - begun - EDGE,
-                duration.name: max(e.end_s - e.start_s, SHORTEST) + 2 * EDGE,
-            }
-            for e in held
-            if e.start_s is not None and e.end_s is not None
-        ]
-        hypotheses.append(
-            Hypothesis(
-                name=SHAKEN,
-                kind=SHAKEN,
-                numbers=(share, when, duration),
-                starts=tuple(starts),
-                fixed={f"{SHAKEN}.edge": EDGE},
-            )
-        )
-    return hypotheses
+        begins = [*map(float, even), *(float(e.start_s - begun) for e in found if e.start_s is not None)]
+    held = [
+        (e.start_s - begun, e.end_s - e.start_s)
+        for e in found
+        if e.kind != SLIPPING and e.start_s is not None and e.end_s is not None
+    ]
+    return Moments(begins, held)
 
 
-def _numbers(kind: str, names: Sequence[str], time: np.ndarray):
+def _anywhere(free: Sequence[Number], time: np.ndarray) -> tuple[Number, ...]:
     """The free numbers of an event; its time is anywhere in the recording."""
-    term = REGISTRY[kind]
-    numbers = [number_of(term, next(q for q in term.quantities if q.name == name)) for name in names]
     start, end = float(time[0]), float(time[-1])
-    return [
+    return tuple(
         dataclasses.replace(
-            n, centre=0.5 * (start + end), sd=0.5 * (end - start), lower=start, upper=end, apart=0.5 * TAKES
+            n, centre=0.5 * (start + end), sd=0.5 * (end - start), lower=start, upper=end, apart=MATTERS
         )
         if n.name.endswith(".time")
         else n
-        for n in numbers
-    ]
+        for n in free
+    )

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.special import chdtrc, chdtri
 
 from calibrate.diagnosis.evidence.models import BELIEVED, HOW_MANY, LARGEST_SCALE, Models
-from calibrate.diagnosis.hypotheses.hypotheses import Hypothesis, number_of
+from calibrate.diagnosis.hypotheses.hypotheses import Hypothesis, number_of, of_tip_alone
 from calibrate.diagnosis.hypotheses.model import Fitted, model_of
 from calibrate.diagnosis.likelihood.likelihood import Likelihood
 from calibrate.diagnosis.screening.screen import SEEN, screen
@@ -30,10 +30,9 @@ from gtr_jax.terms import REGISTRY, known_on
 
 from .search import ONE_EACH, base_fit, refit_best
 
-# Besides the base numbers and the uncertain dimensions, the preload and the zeros of the cells may differ
-# between sessions. Standard deviation of the preload as a share of the largest base tension.
+# Besides the base numbers and the uncertain dimensions, the preload and what terms state of the instruments
+# may differ between sessions. Standard deviation of the preload as a share of the largest base tension.
 PRELOAD, PRELOAD_SHARE = "preload", 0.05
-ZEROS = ("tip-offset", "base-offset")
 # Numbers that may differ at once.
 MOST = 2
 # An effect that may be the cause instead is refitted if it promises this share of the drop that the differing
@@ -110,7 +109,7 @@ def names_to_split(robot: Robot, dimensions: Sequence[Number]) -> list[str]:
 
 def candidates(likelihood: Likelihood, robot: Robot) -> list[Number]:
     """The numbers that may differ between recordings: those of the base model, with the uncertain dimensions,
-    the preload and the zeros of the cells.
+    the preload, and what terms state, as the zeros of the cells.
     """
     found = [n for n in likelihood.base if OWN not in n.name]
     taken = {n.parameter for n in likelihood.base}
@@ -126,13 +125,14 @@ def candidates(likelihood: Likelihood, robot: Robot) -> list[Number]:
         preload = number_at(parameter(robot, name), float(robot.value(name)), sd=PRELOAD_SHARE * largest)
         found.append(dataclasses.replace(preload, size=True))
     cells = cells_of([rig.part for rig in likelihood.rigs])
-    for kind, read in zip(ZEROS, (cells.tip, cells.base), strict=True):
-        if not read:
+    for kind, term in REGISTRY.items():
+        if term.of_cells and not (cells.tip if of_tip_alone(term) else cells.base):
             continue
-        term = REGISTRY[kind]
-        number = number_of(term, term.quantities[0])
-        if number.name not in taken and not known_on(term, robot.terms[kind]):
-            found.append(number)
+        for q in term.quantities:
+            number = number_of(term, q)
+            free = number.name not in taken and not known_on(term, robot.terms[kind])
+            if q.name in term.tried.by_recording and free:
+                found.append(number)
     return found
 
 
