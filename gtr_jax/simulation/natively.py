@@ -363,9 +363,6 @@ class _Body(NamedTuple):
 class Native:
     """The native programs of a robot: one for each structure, for any numbers.
 
-    Several tendons in one plane are solved as `mechanics.march` does it, with their friction built up over a
-    short slip; their structure has to hold a term, which need not act.
-
     Args:
         robot: the robot, or one that differs from it in its numbers only.
     """
@@ -422,8 +419,6 @@ class Native:
     def _gone_through(
         self, runs: Sequence[Run], structure: ProgramSpec, how: SolverOptions, lanes: int
     ) -> list[Brief]:
-        if structure.plain_pair:
-            raise ValueError("several tendons in one plane: give a structure that holds a term")
         structure, shapes, places = _needed(structure, self._shapes)
         program = _program(structure, how, self._kind, shapes, lanes)
         each = [self._inputs(run.ready, structure, run.loads, run.drawn, places) for run in runs]
