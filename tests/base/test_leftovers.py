@@ -80,8 +80,8 @@ KILLED = """
 import os, signal, sys
 from pathlib import Path
 from gtr_jax.app.cli.run_folder import RunFolder
-from gtr_jax.leftovers import replaced_whole
-with RunFolder(Path("out"), {}, with_jax=False).write() as part, replaced_whole("file") as whole:
+from gtr_jax.leftovers import replaced_atomically
+with RunFolder(Path("out"), {}, with_jax=False).write() as part, replaced_atomically("file") as whole:
     (part / "report.html").write_text("half")
     whole.write_text("half")
     os.kill(os.getpid(), signal.SIGKILL)
