@@ -43,7 +43,6 @@ class ProgramSpec:
         acting: whether all its terms are known to act, so that the law that holds a tendon is known.
         space: whether the robot may leave the plane, so that a node has three unknowns.
         laws: of the robot file, by which `terms` may be named too.
-        notched: whether the body has notches.
         skips: whether the laws of terms that do not act are passed over while it runs. The derivatives by
             their sizes are then lost.
     """
@@ -54,7 +53,6 @@ class ProgramSpec:
     acting: bool = False
     space: bool = False
     laws: tuple[Law, ...] = ()
-    notched: bool = False
     skips: bool = False
 
     @property

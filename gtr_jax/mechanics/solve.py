@@ -56,7 +56,7 @@ def _left(case: Case, marched: Passed, unknowns: Float[Array, " n"]) -> tuple[Me
         away = marched.slip - total(case, "anchor", marched.T_tip) + total(case, "anchor", case.preload)
         slip, middle = slip - away[None], middle - away[None]
         speed = (middle - case.memory.middle) / case.load.dt
-    if what.shares_slip or (what.counts_slip and not what.follows_slip):
+    if what.shares_slip or (what.terms and not what.follows_slip):
         slip = slip_of(case, nodes.state.kappa, nodes.tension, marched.T_tip)
     if what.carries:
         unknowns = jnp.concatenate([unknowns[:-1], jnp.zeros(1)])

@@ -264,7 +264,8 @@ def _program(structure: ProgramSpec, how: SolverOptions, kind: _Kind, shapes: tu
 
     given = fixed.robot.sections
     drives = tuple(tendon.drive for tendon in fixed.tendons) if drawn else ()
-    key = (structure, how, kind, leaves, given.beyond is None, given.guides is None, drives)
+    parts = (given.beyond is None, given.guides is None, given.closing is None)
+    key = (structure, how, kind, leaves, parts, drives)
     # What is on disk was compiled from other files than those of a user's term.
     kept = None if OWN & {*structure.terms} else _kept()
     return Program(first, step, fixed, jax.eval_shape(row), key, kept=kept, lanes=lanes)

@@ -65,7 +65,6 @@ def structure_with(robot: Robot, terms: Collection[str]) -> ProgramSpec:
         robot.loaded or loads or _tip_moment_acts(robot),
         space=robot.space,
         laws=robot.laws,
-        notched=bool(robot.backbone.notches),
     )
 
 
