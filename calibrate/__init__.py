@@ -2,8 +2,11 @@
 
 from typing import TYPE_CHECKING, Any
 
+from gtr_jax.notebook import cards_come_with
+
 from .fitting.fit import fit
-from .fitting.result import FitResult, FittedChannel, FittedRecording
+from .fitting.fitted import FittedChannel, FittedRecording
+from .fitting.result import FitResult
 from .inference.estimate import Estimate, Profile
 from .inference.posterior_draws import Posterior
 
@@ -21,6 +24,13 @@ __all__ = [
     "diagnose",
     "fit",
 ]
+
+
+def _import_cards() -> None:
+    from .report import cards  # noqa: F401
+
+
+cards_come_with(_import_cards)
 
 
 def __getattr__(name: str) -> Any:

@@ -1,5 +1,7 @@
 """The routing that reaches a pose, and what the tip does when the design changes."""
 
+from gtr_jax.notebook import cards_come_with
+
 from .optimise import optimise
 from .result import Design
 from .sensitivity import Sensitivities, pose_sensitivity
@@ -14,3 +16,10 @@ __all__ = [
     "parse_target",
     "pose_sensitivity",
 ]
+
+
+def _import_cards() -> None:
+    from .report import design  # noqa: F401
+
+
+cards_come_with(_import_cards)

@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float
 from gtr_jax.robot.robot import Robot
 from gtr_jax.simulation.equilibrium import equilibrium
 from gtr_jax.simulation.programs import terms_act
-from gtr_jax.simulation.solution import Shape
+from gtr_jax.simulation.shape import Shape
 
 from .pose import in_space
 

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gtr_jax.config.config import RobotConfig
-from gtr_jax.notebook import drawn_by
+from gtr_jax.notebook import as_card
 from gtr_jax.numbers import quantity
 from gtr_jax.to_jsonable import to_jsonable
 
@@ -142,14 +142,14 @@ class Design:
         """The answer in a sentence or three."""
         return " ".join(_sentences(self))
 
-    _repr_html_ = drawn_by("design.report.design:design_card")
+    _repr_html_ = as_card
 
     def to_pandas(self) -> pandas.DataFrame:
         """The designs found, the best first, a row each: what was searched and the base tensions, SI with
         units in the names, the largest error in units of its tolerance, the share of the tension that is
         lost, and whether targets and limits are kept.
         """
-        return options_frame(self)
+        return options_frame(self.options, self.problem.space)
 
     def to_json(self) -> dict[str, Any]:
         """The answer as plain values, SI, units in the keys."""

@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .option import Option
+from .space import Space
+
 if TYPE_CHECKING:
     import pandas
 
-    from .result import Design
 
-
-def options_frame(answer: Design) -> pandas.DataFrame:
+def options_frame(options: Sequence[Option], space: Space) -> pandas.DataFrame:
     """See `Design.to_pandas`."""
     import pandas as pd
 
-    space = answer.problem.space
     units = {v.name: v.unit for v in space.all if v.key}  # a base tension has no key: they all follow
     names = space.config.tendon_names
     rows = []
-    for option in answer.options:
+    for option in options:
         row: dict[str, Any] = {_header(n, units[n]): x for n, x in option.values.items() if n in units}
         loads = np.asarray(option.tensions)
         for i, load in enumerate(loads):

@@ -2,8 +2,8 @@
 
 Importing this package switches JAX to 64-bit floats, which friction memory and implicit gradients need, and
 makes XLA compile the loop of the march as one kernel (see `gtr_jax.runtime`). Import it before computing
-anything with JAX. The package itself imports nothing heavy; each name below is imported from its file when it
-is first used.
+anything with JAX; afterwards it warns, and is slower. The package itself imports nothing heavy; each name
+below is imported from its file when it is first used.
 """
 
 from .interpreters import leave_the_current_folder
@@ -17,9 +17,17 @@ heed_in_the_command()  # before anything heavy is imported
 from importlib import import_module  # noqa: E402
 from typing import TYPE_CHECKING, Any  # noqa: E402
 
+from .notebook import cards_come_with  # noqa: E402
 from .runtime import set_up  # noqa: E402
 
 set_up()
+
+
+def _import_cards() -> None:
+    from .report import object_cards  # noqa: F401
+
+
+cards_come_with(_import_cards)
 
 if TYPE_CHECKING:
     from .cache import enable_cache
@@ -37,9 +45,11 @@ if TYPE_CHECKING:
     from .simulation.forces import ChannelForces, channel_forces
     from .simulation.history import Simulation, equilibrium_at, reading, simulate
     from .simulation.markers import marker_angles, marker_places
-    from .simulation.phases import Switch, label_phases, release_switch
+    from .simulation.phases import label_phases
+    from .simulation.release import Switch, release_switch
     from .simulation.sensing import Reading, true_base
-    from .simulation.solution import Equilibrium, Pose, Shape
+    from .simulation.shape import Pose, Shape
+    from .simulation.solution import Equilibrium
     from .terms import register_term
 
 # The names of each file; a test checks this table against the imports above.
@@ -59,9 +69,11 @@ FILES = {
     "simulation.forces": ("ChannelForces", "channel_forces"),
     "simulation.history": ("Simulation", "equilibrium_at", "reading", "simulate"),
     "simulation.markers": ("marker_angles", "marker_places"),
-    "simulation.phases": ("Switch", "label_phases", "release_switch"),
+    "simulation.phases": ("label_phases",),
+    "simulation.release": ("Switch", "release_switch"),
     "simulation.sensing": ("Reading", "true_base"),
-    "simulation.solution": ("Equilibrium", "Pose", "Shape"),
+    "simulation.shape": ("Pose", "Shape"),
+    "simulation.solution": ("Equilibrium",),
     "terms": ("register_term",),
 }
 _FILE_OF = {name: file for file, names in FILES.items() for name in names}

@@ -1,21 +1,39 @@
-"""How objects show themselves in a notebook, without depending on what draws them."""
+"""How objects show themselves in a notebook, without depending on what draws them.
+
+A class takes `as_card` as its method `_repr_html_`. The function that draws its card is in a report, above
+the class, and registers with `card_of`. The door of each package says to `cards_come_with` which file that
+is. The file is imported only when a notebook asks, because what draws takes a second to import.
+"""
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
-from .elsewhere import elsewhere
+_imports: list[Callable[[], None]] = []
 
 
-def drawn_by(place: str) -> Callable[[Any], str | None]:
-    """The method `_repr_html_` of a class, with the function that draws it; it is imported when it is asked.
-
-    Args:
-        place: as `elsewhere` takes it.
+@functools.singledispatch
+def card_of(thing: Any) -> str | None:
+    """What a notebook shows of an object, as HTML; None where there is nothing to draw. Functions that draw
+    objects of one class register here.
     """
+    return None
 
-    def _repr_html_(self: Any) -> str | None:
-        return elsewhere(place)(self)
 
-    return _repr_html_
+_NO_CARD = card_of.dispatch(object)
+
+
+def cards_come_with(imports: Callable[[], None]) -> None:
+    """Say what imports the file that has the cards of a package."""
+    _imports.append(imports)
+
+
+def as_card(thing: Any) -> str | None:
+    """The card of an object; imports what draws it."""
+    for imports in _imports:
+        if card_of.dispatch(type(thing)) is not _NO_CARD:
+            break
+        imports()
+    return card_of(thing)

@@ -25,6 +25,7 @@ from __future__ import annotations
 
 import os
 import sys
+import warnings
 
 LOOP_OPTION = "xla_backend_extra_options"  # XLA flag that holds the options of a backend
 # Each see above; the threshold is in bytes.
@@ -39,13 +40,30 @@ def set_up() -> None:
     """Switch to 64-bit floats, set how loops are compiled unless the environment already sets options of the
     backend, and keep LAPACK to one thread unless the environment says how many.
 
-    XLA reads its flags when it is first used, JAX and LAPACK theirs when they are imported: import this
-    package before computing anything with JAX.
+    XLA reads its flags when it is first used, JAX and LAPACK theirs when they are imported. Where JAX has
+    computed already, the flags would have no effect: they are left as they are, and a warning says so.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     flags = os.environ.get("XLA_FLAGS", "")
     if LOOP_OPTION not in flags:
-        os.environ["XLA_FLAGS"] = f"{flags} --{LOOP_OPTION}={','.join(LOOPS)}".strip()
+        if _jax_has_computed():
+            warnings.warn(
+                "JAX has computed before gtr_jax was imported, so equilibria take 2 to 4 times as long, "
+                "histories 5 times; import gtr_jax before computing anything with JAX",
+                RuntimeWarning,
+                stacklevel=3,
+            )
+        else:
+            os.environ["XLA_FLAGS"] = f"{flags} --{LOOP_OPTION}={','.join(LOOPS)}".strip()
     os.environ["JAX_ENABLE_X64"] = "1"
     if "jax" in sys.modules:  # JAX is imported already and has read its settings
         sys.modules["jax"].config.update("jax_enable_x64", True)
+
+
+def _jax_has_computed() -> bool:
+    """Whether JAX is imported and has made its backends, which have read XLA's flags. No public function says
+    so; False of a version of JAX that lacks this one.
+    """
+    bridge = sys.modules.get("jax._src.xla_bridge")
+    says = getattr(bridge, "backends_are_initialized", None)
+    return bool(says is not None and says())

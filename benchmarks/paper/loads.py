@@ -20,7 +20,7 @@ from gtr_jax.report.page import Figure, Table
 from gtr_jax.robot.robot import STANDARD_GRAVITY, Robot
 from gtr_jax.simulation.equilibrium import equilibrium
 from gtr_jax.simulation.history import simulate
-from gtr_jax.simulation.phases import release_switch
+from gtr_jax.simulation.release import release_switch
 
 from . import manipulator_figures as draw
 from .manipulators import GRAVITIES, T_MAX, solved_robot

@@ -13,7 +13,8 @@ from gtr_jax.numbers import number
 from gtr_jax.report.page import Figure, Table
 from gtr_jax.robot.robot import sections
 from gtr_jax.simulation.equilibrium import equilibrium
-from gtr_jax.simulation.phases import PULLING, RELEASING, TRANSITION, label_phases, release_switch
+from gtr_jax.simulation.phases import PULLING, RELEASING, TRANSITION, label_phases
+from gtr_jax.simulation.release import release_switch
 from gtr_jax.simulation.solution import tendon_length
 
 from . import manipulator_figures as draw

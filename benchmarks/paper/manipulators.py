@@ -26,7 +26,7 @@ from gtr_jax.robot.build import build_robot
 from gtr_jax.robot.robot import STANDARD_GRAVITY, Robot
 from gtr_jax.simulation.equilibrium import equilibrium
 from gtr_jax.simulation.history import Simulation, simulate
-from gtr_jax.simulation.phases import ALL_RELEASED, release_switch
+from gtr_jax.simulation.release import ALL_RELEASED, release_switch
 
 from .study import ROBOTS
 

@@ -15,7 +15,9 @@ from calibrate.inference.simulation_cache import SimulationCache
 from calibrate.planning.experiment import Experiment, propose
 from gtr_jax import Recording, Robot, RobotConfig
 
-from .answer.result import BAD_DATA, Diagnosis, Loop, Pull, Rival
+from .answer.gathered import gathered
+from .answer.loop import Loop, Pull
+from .answer.result import BAD_DATA, Diagnosis, Rival
 from .decision.decide import (
     DISCOVERED,
     PARTLY,
@@ -484,7 +486,7 @@ def _answer(
         )
         for f in models.ranked()
     ]
-    return Diagnosis.of(
+    return gathered(
         decision,
         models,
         screened,

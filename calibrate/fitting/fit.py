@@ -12,6 +12,7 @@ from calibrate.inference.answer import Answer
 from calibrate.inference.channels import ROTATION, known_to, names_of, of_tendons, orientation_of
 from calibrate.inference.descent import descend
 from calibrate.inference.free import Free, carried_by, distinct, free_of
+from calibrate.inference.objective import Objective
 from calibrate.inference.posterior import CHAINS, DRAWS, WARM_UP, require_sampler, sample
 from calibrate.inference.setup import (
     STRETCH,
@@ -376,7 +377,7 @@ def _run(setup: Setup) -> FitResult:
             setup, None, "the simulation fails at every start value tried", len(candidates(setup))
         )
     at, start = found.at, found.u
-    problem = setup.objective(at)
+    problem = Objective.of(setup, at)
     setup.progress("fitting")
     first = problem.predict(start)
     if first is None:

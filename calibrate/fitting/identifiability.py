@@ -15,8 +15,9 @@ import numpy as np
 
 from calibrate.inference.coordinates import Coordinates
 from calibrate.inference.estimate import FLAT, UNKNOWN, UNKNOWN_WITHOUT_SCALE
+from calibrate.inference.objective import SHARED
 from calibrate.inference.predictor import Predictor
-from calibrate.inference.setup import SHARED, Observation, Setup
+from calibrate.inference.setup import Observation, Setup
 
 from .start import thin
 

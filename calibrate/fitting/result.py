@@ -7,18 +7,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calibrate.inference.channels import of_tendons
 from calibrate.inference.estimate import Estimate, Profile
 from calibrate.inference.posterior_draws import Posterior
-from gtr_jax import Recording, Robot, RobotConfig
-from gtr_jax.notebook import drawn_by
-from gtr_jax.recordings.headed import dataset_of, frame_of
-from gtr_jax.recordings.recording import SAMPLE
+from gtr_jax import Robot, RobotConfig
+from gtr_jax.notebook import as_card
 from gtr_jax.to_jsonable import to_jsonable
+
+from .fitted import FittedRecording
+from .tables import estimates_frame
 
 if TYPE_CHECKING:
     import pandas
-    import xarray
 
 
 def _posterior(found: Posterior) -> dict[str, Any]:
@@ -32,114 +31,6 @@ def _posterior(found: Posterior) -> dict[str, Any]:
         "converged": found.converged,
         "parameters": {name: dict(zip(names, row, strict=True)) for name, *row in rows},
     }
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class FittedChannel:
-    """One recorded quantity of K samples beside the fitted model, SI.
-
-    Attributes:
-        unit: SI unit.
-        simulated: (K,).
-        residual: simulated minus recorded, (K,); for a displacement, with the unknown zero of its instrument
-            taken off.
-        sd: standard deviation that its errors were given; None where nothing was fitted.
-    """
-
-    unit: str
-    simulated: np.ndarray
-    residual: np.ndarray
-    sd: float | None
-
-    @property
-    def rms(self) -> float:
-        """Root mean square of the residual."""
-        return float(np.sqrt(np.mean(self.residual**2)))
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class FittedRecording:
-    """One recording of K samples beside the fitted model.
-
-    Attributes:
-        name: of the recording.
-        robot: the robot fitted to it.
-        config: its file; None when a `Robot` was given, or when the file would refuse the fitted values.
-        channels: what was fitted to, the tip tensions first where they were recorded.
-        T_base: base tension without noise [N], (K, *tendons), as its cell shows it: a gain or offset of the
-            cell is taken off for the simulation. Of a tendon that displacement drives, that instead [m].
-        band: standard error of the simulated T_tip due to the parameters' uncertainty [N], (K, *tendons);
-            zero where no T_tip was recorded.
-        phases: "pulling", "transition", "releasing" or "rest", (K, *tendons).
-        by_phase: per phase its "count", "rms_N" and "mean_N" of the residual; of several tendons, per tendon
-            and phase; empty where no T_tip was recorded.
-        noise_N: standard deviation of the recorded tip tension [N], given or estimated; None if unknown, or
-            if there is none.
-        noise_from: what it was estimated from.
-        noise_base_N: standard deviation of the recorded base tension [N]; 0 if it is taken as exact.
-        chi2_per_n: sum of squared residuals of the tensions in units of the noise per degree of freedom; None
-            without noise.
-        outliers: samples that a robust fit counts less than half.
-        settings: what was chosen for it, plain values.
-        unrecorded: simulated T_tip where none was recorded [N], (K, *tendons).
-    """
-
-    name: str
-    robot: Robot
-    config: RobotConfig | None
-    channels: dict[str, FittedChannel]
-    T_base: np.ndarray
-    band: np.ndarray
-    phases: np.ndarray
-    by_phase: dict[str, dict[str, float]]
-    noise_N: float | None
-    noise_from: str
-    noise_base_N: float
-    chi2_per_n: float | None
-    outliers: int
-    settings: dict[str, Any]
-    unrecorded: np.ndarray | None = None
-
-    def to_pandas(self, recording: Recording) -> pandas.DataFrame:
-        """The recording and the fitted model, with the columns of `fit.csv`: SI, units in the names.
-
-        Args:
-            recording: that was fitted; ValueError if it has another length.
-        """
-        from .tables import beside
-
-        return frame_of(beside(recording, self), SAMPLE)
-
-    def to_xarray(self, recording: Recording) -> xarray.Dataset:
-        """The same as a dataset with units: (sample,), of several tendons (sample, tendon)."""
-        from .tables import beside
-
-        return dataset_of(beside(recording, self), SAMPLE, tendons=recording.tendons)
-
-    @property
-    def T_tip(self) -> np.ndarray:
-        """Simulated [N], (K, *tendons), compared or not."""
-        return self._tips([c.simulated for c in self.tips]) if self.unrecorded is None else self.unrecorded
-
-    @property
-    def residual(self) -> np.ndarray:
-        """Simulated minus recorded tip tension [N], (K, *tendons); NaN where none was recorded."""
-        if self.unrecorded is not None:
-            return np.full(self.T_base.shape, np.nan)
-        return self._tips([c.residual for c in self.tips])
-
-    @property
-    def tips(self) -> list[FittedChannel]:
-        """The tip tension of each tendon; empty where none was recorded."""
-        return [self.channels[name] for name in of_tendons("T_tip", self.robot) if name in self.channels]
-
-    def _tips(self, each: list[np.ndarray]) -> np.ndarray:
-        return np.stack(each, axis=1) if self.robot.tendon_names else each[0]
-
-    @property
-    def rms_N(self) -> float:
-        """Root mean square of the residual of the tip tensions [N]; NaN where none was recorded."""
-        return float(np.sqrt(np.mean(self.residual**2)))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -265,15 +156,13 @@ class FitResult:
             return None
         return {"names": self.settings["free"] + self.settings["carried"], "matrix": self.information}
 
-    _repr_html_ = drawn_by("calibrate.report.cards:fit_card")
+    _repr_html_ = as_card
 
     def to_pandas(self) -> pandas.DataFrame:
         """The estimates, a row for each number by its name: key, value, sd, ends of the 95 % interval, value
         in the robot file, SI unit, smallest change that would show, note, and whether it was carried along.
         """
-        from .tables import estimates_frame
-
-        return estimates_frame(self)
+        return estimates_frame(self.estimates, self.carried)
 
     def to_json(self) -> dict[str, Any]:
         """Plain values for a JSON file: units in the keys, SI; null for what is not known."""

@@ -18,8 +18,9 @@ from typing import NamedTuple
 import numpy as np
 
 from calibrate.inference.coordinates import Coordinates
-from calibrate.inference.descent import Objective, descend
+from calibrate.inference.descent import descend
 from calibrate.inference.number import number_at
+from calibrate.inference.objective import Objective
 from calibrate.inference.parallel import in_parallel
 from calibrate.inference.setup import Setup
 from gtr_jax.robot.parameters import STIFFNESS, Parameter
@@ -221,7 +222,7 @@ def search(setup: Setup) -> Start | None:
 
     def scanned_at(values: np.ndarray, held: np.ndarray | None = None) -> _Scanned:
         at = setup.coordinates(values, held)
-        problem = setup.objective(at, thinned)
+        problem = Objective.of(setup, at, thinned)
         return _Scanned(problem.cost(origin, problem.predict(origin)), problem, at)
 
     def rough(i: int) -> _End:
@@ -309,7 +310,7 @@ def beaten(setup: Setup, problem: Objective, cost: float, start: Start) -> tuple
     if other is None:
         return None, 0
     setup.progress("fitting with fewer free numbers")
-    fewer = dataclasses.replace(setup.objective(other.at), weighs=problem.weighs)
+    fewer = dataclasses.replace(Objective.of(setup, other.at), weighs=problem.weighs)
     found = descend(fewer, other.u, active=~other.held, max_steps=ROUGH_STEPS)
     least = fewer.cost(found.u, found.predictions)
     if found.predictions is None or not least < cost - max(LEVEL, LEVEL * cost):

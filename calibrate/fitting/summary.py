@@ -10,7 +10,6 @@ import numpy as np
 
 from calibrate.inference.answer import Answer, Judged, together
 from calibrate.inference.channels import unit_of
-from calibrate.inference.descent import all_converged
 from calibrate.inference.estimate import (
     MOSTLY_PRIOR,
     UNKNOWN,
@@ -21,6 +20,7 @@ from calibrate.inference.estimate import (
     transform,
 )
 from calibrate.inference.number import is_log
+from calibrate.inference.objective import all_converged
 from calibrate.inference.predictor import Prediction
 from calibrate.inference.setup import Observation, Setup
 from gtr_jax import InputError, RobotConfig
@@ -29,8 +29,9 @@ from gtr_jax.recordings.signals.differences import MAD_TO_SD
 from gtr_jax.robot.parameters import with_values
 from gtr_jax.simulation.phases import REST
 
+from .fitted import FittedChannel, FittedRecording
 from .identifiability import MINOR, axes, remedy, singular
-from .result import FitResult, FittedChannel, FittedRecording
+from .result import FitResult
 from .start import Beaten, Start
 from .subset_fits import NO_PHASES, NOT_APART, by_recording, mu_by_phase
 from .verdict import SMALL, Distance, by_phase, disagreement_of_phases, most_of_noise, values_apart, verdict

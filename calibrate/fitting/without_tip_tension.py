@@ -11,7 +11,7 @@ from calibrate.inference.channels import ORIENTATION, chosen_by, unit_of, words_
 from calibrate.inference.setup import Observation
 from gtr_jax.recordings.signals.noise import FEWEST_SAMPLES
 
-from .result import FittedRecording
+from .fitted import FittedRecording
 from .verdict import SMALL, in_unit, most_of_noise
 
 # So many of what was compared, the worst first, are named.

@@ -12,8 +12,9 @@ import numpy as np
 from gtr_jax.recordings.signals.noise import Noise, correlation_time
 
 from .coordinates import Coordinates
-from .descent import Descent, Objective
+from .descent import Descent
 from .estimate import UNKNOWN, UNKNOWN_WITHOUT_SCALE, Uncertainty, shares_of_variance, uncertainty
+from .objective import Objective
 from .predictor import Prediction
 from .setup import Observation, Setup
 from .weighing import Weighing

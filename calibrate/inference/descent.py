@@ -1,4 +1,4 @@
-"""The least squares problem of a fit, and the descent to its minimum.
+"""The descent of a fit to the minimum of its least squares problem.
 
 The residual and its Jacobian are computed once per step by the compiled simulator. The variables of the
 descent are scaled so that the data constrain all directions equally, and so that no coordinate leaves the
@@ -9,16 +9,12 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import TYPE_CHECKING, TypeGuard
 
 import numpy as np
 
 from .least_squares import WITH_DERIVATIVES, Rules, Step, minimise
-from .predictor import Prediction, Predictor, predict_all
-from .weighing import Weighing
-
-if TYPE_CHECKING:
-    from .setup import Observation
+from .objective import Objective, all_converged
+from .predictor import Prediction
 
 # The variables are chosen so that their Hessian is WHITE^2 at the start: the first damping, 1, hardly
 # shortens the step.
@@ -39,64 +35,6 @@ PATIENCE, GAIN = 6, 0.01
 # A descent that lowers the cost by less than this in as many steps, in variances, follows a flat valley.
 NO_GAIN = 0.01
 FAILS = "the simulation fails at the start"
-
-
-@dataclasses.dataclass(frozen=True)
-class Objective:
-    """What is minimised: sum of squares of weighed residuals, and of prior rows ((u - centre) precision)^2.
-
-    Attributes:
-        predictors: simulate the recordings.
-        parts: the recordings.
-        weighs: how the residuals of each are weighed.
-        centre: prior means of the coordinates, (p,).
-        precision: 1/sd of the priors, (p,); 0 without prior.
-        reach: largest |u|, (p,).
-    """
-
-    predictors: tuple[Predictor, ...]
-    parts: tuple[Observation, ...]
-    weighs: tuple[Weighing, ...]
-    centre: np.ndarray
-    precision: np.ndarray
-    reach: np.ndarray
-
-    def predict(self, u: np.ndarray) -> tuple[Prediction, ...] | None:
-        """The recordings at coordinates u, (p,); None where the simulator breaks down."""
-        return predict_all(self.predictors, u)
-
-    def residuals(self, predictions: tuple[Prediction, ...]) -> np.ndarray:
-        """Weighed residuals of all recordings, (D,)."""
-        return np.concatenate(
-            [
-                weigh(part.residual(prediction))
-                for part, weigh, prediction in zip(self.parts, self.weighs, predictions, strict=True)
-            ]
-        )
-
-    def jacobian(self, predictions: tuple[Prediction, ...]) -> np.ndarray:
-        """Derivatives of the weighed residuals with respect to the coordinates, (D, p)."""
-        return np.concatenate(
-            [weigh(prediction.jacobian) for weigh, prediction in zip(self.weighs, predictions, strict=True)]
-        )
-
-    def rows(self, u: np.ndarray, predictions: tuple[Prediction, ...]) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals of data and priors, (D+p,), and their Jacobian, (D+p, p), at u."""
-        prior = (u - self.centre) * self.precision
-        data, slopes = self.residuals(predictions), self.jacobian(predictions)
-        return np.concatenate([data, prior]), np.concatenate([slopes, np.diag(self.precision)])
-
-    def cost(self, u: np.ndarray, predictions: tuple[Prediction, ...] | None) -> float:
-        """Sum of squares; infinite where a simulation failed."""
-        if not all_converged(predictions):
-            return np.inf
-        prior = (u - self.centre) * self.precision
-        return float(np.sum(self.residuals(predictions) ** 2) + np.sum(prior**2))
-
-
-def all_converged(predictions: tuple[Prediction, ...] | None) -> TypeGuard[tuple[Prediction, ...]]:
-    """Whether every load step of every recording met its tolerance."""
-    return predictions is not None and all(p.converged for p in predictions)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from gtr_jax import InputError, Recording, Robot, RobotConfig
-from gtr_jax.recordings.base_tension import BaseTension, exact
+from gtr_jax.recordings.base_tension import BaseTension
 from gtr_jax.recordings.formats.quantities import PER_TENDON
 from gtr_jax.recordings.signals import noise
 from gtr_jax.robot.parameters import parameter
@@ -31,18 +31,12 @@ from .channels import (
     unit_of,
 )
 from .coordinates import Coordinates, coordinates, places
-from .descent import Objective
 from .free import Free
 from .number import Number, number_at
-from .predictor import Prediction, Predictor
+from .predictor import Prediction
 from .several import SeveralWeighing
 from .weighing import Weighing
 
-# Range searched: this factor up and down for a positive parameter; this many scales to each side for others.
-LARGEST_FACTOR = 30.0
-LARGEST_SHIFT = 2.0
-# Standard deviations of a prior to each side that are searched, where they are more than these scales.
-FARTHEST = 4.0
 # Least error of a channel, as a share of its size; and its error in the search for a start, as a share of its
 # range.
 SMALLEST_SIGMA, ROUGH = 1e-6, 0.02
@@ -52,9 +46,6 @@ COMPARABLE = "T_tip_N, the pose of the tip (tip_x_m, ...), markers of the robot 
 # Recordings with more samples than LONG are simulated at about LONG of them, or, if that is fewer, at steps
 # of the base tension of FINEST of its range.
 LONG, FINEST = 2000, 1 / 400
-# Steps up to which a thinned recording is simulated by the program of the whole one: to simulate held steps
-# takes 0.03 ms each, to trace and read another program 1.5 s, and to compile it 8 s.
-SHARED = 1024
 # A tip angle beyond so many turns, or a tip farther away than so many lengths, must be in another unit.
 MOST_TURNS, MOST_LENGTHS = 2.0, 2.0
 # A base tension that would strain the outermost fibre by so much, on average and without friction, must be in
@@ -384,44 +375,6 @@ class Setup:
     def values_of(self, part: int, values: np.ndarray) -> dict[str, float]:
         """Values of the free numbers of one recording's robot, SI, by short name."""
         return {f.entry.name: float(v) for f, v in zip(self.free, values, strict=True) if part in f.parts}
-
-    def objective(self, at: Sequence[Coordinates], parts: Sequence[Observation] | None = None) -> Objective:
-        """The least squares problem: residuals of recordings, with one error for each channel, and priors.
-
-        Args:
-            at: coordinates of each recording.
-            parts: the recordings; those of the setup unless given.
-        """
-        parts = self.parts if parts is None else parts
-        log, scale = np.asarray(at[0].log), np.asarray(at[0].scale)
-        has = np.asarray([p is not None for p in self.priors])
-        sd = np.asarray([p or 1.0 for p in self.priors])
-        spread = sd / np.where(log, np.where(self.initial > 0, self.initial, 1.0), scale)
-        far = FARTHEST * spread
-        start = at[0].at(np.where(has, self.initial, np.asarray(at[0].reference)))
-        return Objective(
-            predictors=tuple(
-                Predictor(
-                    p.robot,
-                    a,
-                    p.drive,
-                    p.time,
-                    p.nodes(),
-                    p.trial,
-                    channels=p.channels,
-                    length=whole.steps if whole.steps <= SHARED else 0,
-                    orientation=p.orientation,
-                )
-                for p, whole, a in zip(parts, self.parts, at, strict=True)
-            ),
-            parts=tuple(parts),
-            weighs=tuple(Weighing.plain(exact(p.T_base.T_base), p.channels, p.rough()) for p in parts),
-            centre=np.where(has, start, 0.0),
-            precision=np.where(has, 1 / np.where(has, spread, 1.0), 0.0),
-            reach=np.where(
-                log, np.log(LARGEST_FACTOR), np.where(has, np.maximum(LARGEST_SHIFT, far), LARGEST_SHIFT)
-            ),
-        )
 
 
 def check_noise(noise_N: float | None, parts: Sequence[Observation]) -> None:

@@ -28,7 +28,7 @@ from gtr_jax.simulation.markers import markers_on, shape_in_plane
 from gtr_jax.simulation.natively import Brief, Native, ProgramSpec, Ready, Run, ready, sources
 from gtr_jax.simulation.programs import every, every_for, structure_of, structure_with
 from gtr_jax.simulation.sensing import Reading, cells_differ, cells_show
-from gtr_jax.simulation.solution import Shape
+from gtr_jax.simulation.shape import Shape
 from gtr_jax.terms import OWN, REGISTRY, Term, own_mark
 
 from .instruments import instruments, shown

@@ -17,6 +17,7 @@ from gtr_jax.to_jsonable import to_jsonable
 from .candidates import Candidate, candidates
 from .opened import Opened
 from .outcome import FINE_STEP, Outcome, Trial, outcome, refitted
+from .ranked import Ranked
 from .words import NARROWS, TELLS, in_words
 from .worth import pairs, sd_after, separations, worth_of_narrowing, worth_of_separation
 
@@ -28,31 +29,6 @@ CONFIRMED = 12
 FALSE = 3.0
 SETTLES, PARTLY, NOTHING = "settles", "settles-some", "settles-nothing"
 NARROWS_ONE, NARROWS_NONE = "narrows", "narrows-nothing"
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Ranked:
-    """An experiment and what it is worth.
-
-    Attributes:
-        candidate: the experiment.
-        worth: by which it is ranked; see `worth`.
-        separation: of each pair of the m models [standard errors], (m, m).
-        sd: standard deviation of each number of the first model after it, SI, (p,).
-        confirmed: whether the separation counts every rival refitted, and not only to first order; of one
-            model, whether the standard deviations were checked.
-    """
-
-    candidate: Candidate
-    worth: float
-    separation: np.ndarray
-    sd: np.ndarray
-    confirmed: bool = False
-
-    @property
-    def least(self) -> float:
-        """Distance of the two models that it tells apart least [standard errors]; infinite for one model."""
-        return float(np.min(pairs(self.separation), initial=np.inf))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

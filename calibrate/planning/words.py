@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,10 +12,8 @@ from gtr_jax.numbers import quantity
 from .candidates import Candidate, listed
 from .experiment import ALL_REMOVED
 from .opened import Opened
+from .ranked import Ranked
 from .worth import pairs
-
-if TYPE_CHECKING:
-    from .plan import Ranked
 
 # Distance [standard errors] above which two models are told apart, and share of its present width to which an
 # interval must narrow for an experiment to be worth the work.

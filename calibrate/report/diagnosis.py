@@ -6,7 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from calibrate.diagnosis.answer.result import Diagnosis, Loop
+from calibrate.diagnosis.answer.loop import Loop
+from calibrate.diagnosis.answer.result import Diagnosis
 from calibrate.diagnosis.answer.sentence import MAY_ACT, interval_in_words
 from calibrate.diagnosis.outside.leave_out import ASKED, STILL, LeftOut
 from calibrate.fitting.verdict import in_unit

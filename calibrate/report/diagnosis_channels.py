@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calibrate.diagnosis.answer.result import Loop
+from calibrate.diagnosis.answer.loop import Loop
 from calibrate.inference.channels import quantity_of, words_of
 
 # Channels shown of a recording without tip tension.

@@ -6,7 +6,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibrate.diagnosis.answer.result import Diagnosis, Loop, Pull
+from calibrate.diagnosis.answer.loop import Loop, Pull
+from calibrate.diagnosis.answer.result import Diagnosis
 from gtr_jax.plots.style import BLUE, GREY, ORANGE, PURPLE, VERMILLION
 from gtr_jax.report.page import Playback
 from gtr_jax.report.playback import Chart, Column, Line, Span, clock_of, playback

@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from calibrate.fitting.result import FitResult, FittedRecording
+from calibrate.fitting.fitted import FittedRecording
+from calibrate.fitting.result import FitResult
 from gtr_jax.numbers import measured_quantity, number, quantity
 from gtr_jax.recordings.recording import Recording
 from gtr_jax.report.page import Figure, Report, Table

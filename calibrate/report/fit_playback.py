@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calibrate.fitting.result import FittedRecording
+from calibrate.fitting.fitted import FittedRecording
 from calibrate.inference.channels import channels_in, quantity_of, unit_of
 from gtr_jax.plots.style import GREY, INK
 from gtr_jax.plots.tendons import COLOURS

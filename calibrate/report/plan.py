@@ -14,7 +14,8 @@ from gtr_jax.report.page import Figure, Report, Section, Table
 
 from ..planning.candidates import Candidate, listed
 from ..planning.disturbed import corners
-from ..planning.plan import Plan, Ranked
+from ..planning.plan import Plan
+from ..planning.ranked import Ranked
 from ..planning.words import TELLS
 from ..planning.worth import ENOUGH, pairs, worth_of_separation
 from . import plan_figures as draw

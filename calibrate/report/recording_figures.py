@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calibrate.fitting.result import FitResult, FittedRecording
+from calibrate.fitting.fitted import FittedRecording
+from calibrate.fitting.result import FitResult
 from calibrate.inference.channels import channels_in, quantity_of
 from gtr_jax import equilibrium
 from gtr_jax.numbers import measured_quantity, number

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 import calibrate
 import gtr_jax as gtr
 from calibrate import Diagnosis
-from calibrate.diagnosis.answer.result import Change
+from calibrate.diagnosis.answer.change import Change
 from calibrate.diagnosis.hypotheses.hypotheses import FARTHEST
 from calibrate.diagnosis.outside.episodes import WORDS
 from gtr_jax.numbers import measured_quantity, quantity

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from calibrate.diagnosis.answer.result import Change
+from calibrate.diagnosis.answer.change import Change
 from calibrate.diagnosis.answer.sentence import interval_in_words
 from calibrate.inference.estimate import Estimate
 from gtr_jax.atomic_write import write_atomically

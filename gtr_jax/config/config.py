@@ -1,7 +1,7 @@
 """The robot file: `robot.toml` read, checked and written.
 
-Its tables are in `sections`, how they are written in `config_form`, what fits into what in `config_checks`,
-its JSON Schema in `schema`.
+Its tables are in `robot_tables` and `sections`, how they are written in `form`, what fits into what in
+`checks`, its JSON Schema in `schema`.
 """
 
 from __future__ import annotations
@@ -11,36 +11,24 @@ import textwrap
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any
 
 import numpy as np
-from pydantic import ConfigDict, Field, ModelWrapValidatorHandler, StrictBool, StrictStr, model_validator
+from pydantic import ConfigDict, ModelWrapValidatorHandler, model_validator
 
 from gtr_jax.atomic_write import write_atomically
 from gtr_jax.errors import InputError, InputWarning, listed
-from gtr_jax.notebook import drawn_by
-from gtr_jax.terms import REGISTRY, Law, Term, catalogue_of, null_values
+from gtr_jax.notebook import as_card
+from gtr_jax.terms import REGISTRY, null_values
 from gtr_jax.units import DIMENSIONS, parse_quantity, to_si
 
 from .checks import check_robot
 from .drawn_channel import with_drawn_channels
 from .form import LAW, check_strings, check_terms, with_one_tendon
-from .law_section import LawSection
 from .markers import check_markers
 from .out_of_plane import out_of_plane
 from .plausible import implausible
-from .routings import RoutingConfig
-from .sections import (
-    BackboneConfig,
-    BaseConfig,
-    Deviation,
-    FileSection,
-    LoadsConfig,
-    MarkerConfig,
-    OneOfSeveralTendons,
-    TendonConfig,
-    TermConfig,
-)
+from .robot_tables import RobotTables
 from .space_checks import check_space
 from .toml_file import dotted, find_key, place_of, read_toml
 
@@ -69,55 +57,16 @@ def _of_lists(
         yield from ((path, deviation) for path in each or [key])
 
 
-class RobotConfig(FileSection):
+class RobotConfig(RobotTables):
     """A robot as its file describes it, in SI units."""
 
     model_config = ConfigDict(title="robot.toml of gtr-jax", json_schema_extra=_one_tendon_or_several)
-
-    schema_version: Literal[1] = Field(alias="schema", examples=[1])
-    """Version of the file format."""
-    name: StrictStr = "robot"
-    """Name in reports."""
-    backbone: BackboneConfig
-    if TYPE_CHECKING:  # so that whoever knows that a robot has one tendon need not say so again
-        routing: RoutingConfig
-        tendon: TendonConfig
-    else:
-        routing: RoutingConfig | None = None
-        """The channel of a robot with one tendon; of several each has its own."""
-        tendon: TendonConfig | None = None
-        """The tendon of a robot with one; None where `tendons` has several."""
-    tendons: tuple[OneOfSeveralTendons, ...] = ()
-    """The tendons of a robot with several, instead of routing and tendon."""
-    loads: LoadsConfig = LoadsConfig()
-    base: BaseConfig = BaseConfig()
-    markers: tuple[MarkerConfig, ...] = ()
-    """Points of the body that are recorded."""
-    space: StrictBool = False
-    """Whether the robot is computed in space though nothing in its file leaves the plane."""
-    uncertainty: dict[str, Deviation] = Field(default_factory=dict)
-    """Prior knowledge of numbers of the robot ("youngs_modulus"): one standard deviation, relative or with a
-    unit."""
-    terms: tuple[TermConfig, ...] = ()
-    """Physics beyond the paper, each term once."""
 
     @classmethod
     def _resolved(cls, data: dict[str, Any], folder: Path) -> dict[str, Any]:
         check_terms(data, [*REGISTRY, LAW])
         check_strings(data)
         return with_drawn_channels(with_one_tendon(data), folder)
-
-    @property
-    def strung(self) -> tuple[tuple[str, TendonConfig, Any], ...]:
-        """Name (of an only one: ""), tendon and routing of every tendon, in the order of the file."""
-        if not self.tendons:
-            return (("", self.tendon, self.routing),)
-        return tuple((tendon.name, tendon, tendon.routing) for tendon in self.tendons)
-
-    @property
-    def tendon_names(self) -> tuple[str, ...]:
-        """Names of several tendons; empty for one."""
-        return tuple(tendon.name for tendon in self.tendons)
 
     @property
     def in_space(self) -> bool:
@@ -135,7 +84,7 @@ class RobotConfig(FileSection):
         """The robot, if it can be one; under [uncertainty] keys as written give way to dotted ones."""
         config = handler(data)
         check_robot(config.backbone, strung=config.strung, loads=config.loads, terms=config.terms)
-        check_space(config, in_space=config.in_space)
+        check_space(config, config.leaves_plane)
         check_markers(config.markers, config.backbone.length)
         return config.model_copy(update={"uncertainty": config._dotted_deviations()})
 
@@ -193,16 +142,6 @@ class RobotConfig(FileSection):
         return None if said is None else abs(said * self.numbers()[key]) or None
 
     @property
-    def laws(self) -> tuple[Law, ...]:
-        """The laws that the file states."""
-        return tuple(term.as_law for term in self.terms if isinstance(term, LawSection))
-
-    @property
-    def catalogue(self) -> Mapping[str, Term]:
-        """Every physics term that the robot may have, by name: its own laws and the registered ones."""
-        return catalogue_of(self.laws)
-
-    @property
     def term_values(self) -> dict[str, dict[str, Any]]:
         """The numbers of all terms, those of absent ones at their null values, by term and name, SI; of one
         that the file gives to single tendons one for each tendon, (tendons,).
@@ -219,17 +158,7 @@ class RobotConfig(FileSection):
                 own[name] = each
         return values
 
-    def numbers(self) -> dict[str, float]:
-        """Every number of the robot in SI, by dotted key such as "backbone.outer_radius.0",
-        "tendons.left.friction_coefficient" or "terms.tip-gain.gain" of a term that the file has.
-        """
-        data = self.model_dump(
-            mode="json", by_alias=True, exclude_none=True, exclude={"schema_version", "uncertainty"}
-        )
-        said = tuple(f"terms.{law.name}.{table}." for law in self.laws for table in ("usual", "bounds"))
-        return {k: v for k, v in dotted(data) if isinstance(v, float) and not k.startswith(said)}
-
-    _repr_html_ = drawn_by("gtr_jax.report.object_cards:config_card")
+    _repr_html_ = as_card
 
     def with_values(self, values: Mapping[str, Any]) -> RobotConfig:
         """A copy with some values changed, checked like a file.

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from .robot_tables import RobotTables
 from .routings import SPATIAL
 
-if TYPE_CHECKING:
-    from .config import RobotConfig
 
-
-def out_of_plane(config: RobotConfig) -> str | None:
+def out_of_plane(config: RobotTables) -> str | None:
     """The first key, dotted, by which a robot leaves its plane; None if it stays in it."""
     return next((key for key, leaves in _ways(config) if leaves), None)
 
 
-def _ways(config: RobotConfig) -> Iterator[tuple[str, bool]]:
+def _ways(config: RobotTables) -> Iterator[tuple[str, bool]]:
     for name, tendon, routing in config.strung:
         table = f"tendons.{name}" if name else "tendon"
         channel = f"{table}.routing" if name else "routing"

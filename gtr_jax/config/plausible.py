@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from gtr_jax.units import DIMENSIONS, parse_quantity
 
+from .robot_tables import RobotTables
 from .toml_file import dotted
-
-if TYPE_CHECKING:
-    from .config import RobotConfig
 
 
 class Range(NamedTuple):
@@ -36,7 +34,7 @@ OF_UNIT = {
 }
 
 
-def implausible(config: RobotConfig) -> Iterator[str]:
+def implausible(config: RobotTables) -> Iterator[str]:
     """What is implausible in a robot file, a line each with its key and a remedy; its terms left out, whose
     numbers have ranges of their own.
     """

@@ -28,7 +28,7 @@ from pydantic import (
 )
 
 from gtr_jax.errors import InputError
-from gtr_jax.terms import REGISTRY, Term
+from gtr_jax.terms import Term, terms_of_files
 from gtr_jax.units import Unit, parse_quantity, quantity_text
 
 from .form import one_line
@@ -441,6 +441,6 @@ if TYPE_CHECKING:
     TermConfig = TermSection
 else:
     TermConfig = Annotated[
-        functools.reduce(operator.or_, [*map(_term_section, REGISTRY.values()), LawSection]),
+        functools.reduce(operator.or_, [*map(_term_section, terms_of_files()), LawSection]),
         Field(discriminator="kind"),
     ]

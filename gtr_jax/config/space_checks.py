@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -11,16 +11,19 @@ from gtr_jax.terms import Term
 from gtr_jax.terms.term import ONE_HELD, UNMOVED
 
 from .checks import mm
+from .robot_tables import RobotTables
 from .sections import RectangleConfig, TendonConfig
-
-if TYPE_CHECKING:
-    from .config import RobotConfig
 
 _NEAR = 1e-9
 
 
-def check_space(config: RobotConfig, *, in_space: bool) -> None:
-    """Refuse values that no robot in space can have; InputError naming the key and the remedy."""
+def check_space(config: RobotTables, leaves_plane: str | None) -> None:
+    """Refuse values that no robot in space can have; InputError naming the key and the remedy.
+
+    Args:
+        config: the robot file.
+        leaves_plane: the key by which the robot leaves its plane, or None.
+    """
     turned = float(np.linalg.norm(config.base.rotation))
     if turned > 2 * np.pi * (1 + _NEAR):
         raise InputError(
@@ -31,12 +34,12 @@ def check_space(config: RobotConfig, *, in_space: bool) -> None:
     for name, tendon, _ in config.strung:
         table = f"tendons.{name}" if name else "tendon"
         _check_tendon(table, tendon, config.backbone.length, stretching)
-    if in_space and config.backbone.notches:
+    if leaves_plane is not None and config.backbone.notches:
         raise InputError(
-            f"backbone.notches: are computed in the plane, which '{config.leaves_plane}' leaves; remove "
+            f"backbone.notches: are computed in the plane, which '{leaves_plane}' leaves; remove "
             "one of the two"
         )
-    if in_space:
+    if leaves_plane is not None:
         _check_twist(config)
         _check_terms(config)
 
@@ -77,14 +80,14 @@ def _check_tendon(table: str, tendon: TendonConfig, length: float, terms: set[st
             raise InputError(f"{table}.{key}: says what terms.{kind}.compliance says; keep one of the two")
 
 
-def _check_terms(config: RobotConfig) -> None:
+def _check_terms(config: RobotTables) -> None:
     for term in config.terms:
         fault = refused_in_space(config, config.catalogue[term.id])
         if fault:
             raise InputError(f"terms.{term.id}: {fault}")
 
 
-def refused_in_space(config: RobotConfig, term: Term) -> str | None:
+def refused_in_space(config: RobotTables, term: Term) -> str | None:
     """Why a robot in space cannot have a physics term, with the remedy; None if it can."""
     if config.tendons and (term.stop or term.relaxes):
         return ONE_HELD
@@ -99,7 +102,7 @@ def refused_in_space(config: RobotConfig, term: Term) -> str | None:
     return UNMOVED if drawn and term.tugged else None
 
 
-def _stiffnesses(config: RobotConfig) -> list[tuple[str, Any, Any]]:
+def _stiffnesses(config: RobotTables) -> list[tuple[str, Any, Any]]:
     """Key, bending and torsional stiffness of the backbone and of each piece."""
     body = config.backbone
     pieces = [(f"backbone.sections[{i}]", piece) for i, piece in enumerate(body.sections)]
@@ -108,7 +111,7 @@ def _stiffnesses(config: RobotConfig) -> list[tuple[str, Any, Any]]:
     ]
 
 
-def _check_twist(config: RobotConfig) -> None:
+def _check_twist(config: RobotTables) -> None:
     for key, bending, torsion in _stiffnesses(config):
         if torsion is None and _two(bending):
             raise InputError(

@@ -9,7 +9,8 @@ import jax
 import numpy as np
 
 from ..simulation.forces import channel_forces
-from ..simulation.solution import Equilibrium, Shape
+from ..simulation.shape import Shape
+from ..simulation.solution import Equilibrium
 
 Between = Callable[[Any], np.ndarray]  # values at the nodes to values between them
 

@@ -10,7 +10,7 @@ from gtr_jax.numbers import number
 from gtr_jax.plots.movie import FRAMES, Loop, write_movie
 
 from .motion import moved
-from .simulation import SimulationAnswer
+from .simulation_answer import SimulationAnswer
 
 
 def simulation_movie(path: Path, answer: SimulationAnswer) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from gtr_jax.plots.style import BLUE, GREY, INK, VERMILLION
@@ -13,9 +11,7 @@ from . import spatial
 from .motion import body_of
 from .page import Playback
 from .playback import Chart, Column, Line, playback
-
-if TYPE_CHECKING:
-    from .simulation import SimulationAnswer
+from .simulation_answer import SimulationAnswer
 
 BASE, TIP = "tension at the base [N]", "tension at the tip [N]"
 

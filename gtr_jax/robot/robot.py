@@ -14,7 +14,7 @@ from gtr_jax.mechanics.offset import Offset, SpatialOffset
 from ..mechanics.guides import Guides, guides_of
 from ..mechanics.mesh import Mesh, build_mesh, panel_index
 from ..mechanics.sections import Closing, Sections
-from ..notebook import drawn_by
+from ..notebook import as_card
 from .parameters import check_bounds, value_of, with_values
 from .parts import Loads, Parts
 
@@ -38,7 +38,7 @@ class Robot(Parts):
         """
         return dataclasses.replace(self, acting=())
 
-    _repr_html_ = drawn_by("gtr_jax.report.object_cards:robot_card")
+    _repr_html_ = as_card
 
     def value(self, name: str) -> Float[Array, ""]:
         """The named parameter's value in SI units."""

@@ -16,35 +16,32 @@ import optimistix as optx
 from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
-from ..elsewhere import elsewhere
 from ..errors import InputError
 from ..mechanics import Load, ProgramSpec, SolverOptions, steps
 from ..mechanics.bodies import turning_of
 from ..mechanics.sections import State
-from ..notebook import drawn_by
+from ..notebook import as_card
 from ..robot.robot import Robot, sections
 from ..robot.validity import is_robot
 from ..terms import OWN, known_on
 from ..terms.term import NO_TUG
 from ..terms.unmoved import NO_SLIP
+from .arrays import SimulationArrays
 from .displacement import by_tension, displacement_drives, driven
 from .missed import trusted
-from .outcome import OUTSIDE_PHYSICS, is_solved, unless_missed, unless_outside
+from .outcome import unless_missed, unless_outside
 from .programs import at_nodes, known_to_act, structure_of, unmoved_in
 from .sensing import Reading, cells_show, shown
 from .slipping import front_of, large_tension, moves_of
 from .solution import (
     Equilibrium,
     Loaded,
-    Pose,
-    Shape,
     describe,
     drawn_out,
     loaded_of,
     stretch_of,
-    tip_position,
-    tip_rotation,
 )
+from .tables import simulation_dataset, simulation_frame
 
 if TYPE_CHECKING:
     import pandas
@@ -54,7 +51,7 @@ Tree = TypeVar("Tree")
 SHORTEST = 1e-9  # s, assumed between samples with equal times
 
 
-class Simulation(eqx.Module):
+class Simulation(SimulationArrays):
     """A load history of K steps on N nodes, SI units. Quantities of a tendon have a tendon axis where the
     robot has several tendons.
 
@@ -85,67 +82,7 @@ class Simulation(eqx.Module):
         shape: of a robot in space at each step; None in the plane.
     """
 
-    T_base: Float[Array, "K *tendons"]
-    time: Float[Array, " K"]
-    T_tip: Float[Array, "K *tendons"]
-    reading: Reading
-    tip_pose: Float[Array, "K 3"]
-    displacement: Float[Array, "K *tendons"]
-    slip_direction: Float[Array, "K *tendons"]
-    slip_front: Float[Array, "K *tendons"]
-    s: Float[Array, " N"]
-    tension: Float[Array, "K *tendons N"]
-    slip: Float[Array, "K *tendons N"]
-    curvature: Float[Array, "K N"]
-    angle: Float[Array, "K N"]
-    external_moment: Float[Array, "K N *moment"]
-    mobilisation: Float[Array, "K tendons N"] | None
-    result: optx.RESULTS
-    residual_norm: Float[Array, " K"]
-    iterations: Int[Array, " K"]
-    shape: Shape | None = None
-
-    @property
-    def tip(self) -> Pose:
-        """Where the tip is and how it is turned in each step, in the plane and in space."""
-        return Pose(self.tip_position, self.tip_rotation)
-
-    @property
-    def tip_position(self) -> Float[Array, "K 3"]:
-        """Midline tip in the world [m], (K, 3); z = 0 in the plane."""
-        return tip_position(self.shape, self.tip_pose)
-
-    @property
-    def tip_rotation(self) -> Float[Array, "K 3 3"]:
-        """The directors of the tip as columns, in the axes of the world, (K, 3, 3)."""
-        return tip_rotation(self.shape, self.tip_pose)
-
-    @property
-    def converged(self) -> Bool[Array, " K"]:
-        """True for each step that met the tolerance, of a robot that can be."""
-        return self.result == optx.RESULTS.successful
-
-    @property
-    def outside_physics(self) -> Bool[Array, " K"]:
-        """True where the equations were solved for numbers of no robot: a negative modulus, friction below
-        zero, a channel outside the body.
-        """
-        return self.result == OUTSIDE_PHYSICS
-
-    @property
-    def solved(self) -> Bool[Array, " K"]:
-        """As `converged`, of any numbers."""
-        return is_solved(self.result)
-
-    @property
-    def slip_speed(self) -> Float[Array, "K *tendons N"]:
-        """Speed of the slip towards the base in each step [m/s], (K, *tendons, N); zero in the first."""
-        dt = jnp.diff(self.time, prepend=self.time[:1])
-        rate = 1.0 / jnp.where(dt > 0, dt, jnp.inf)
-        change = jnp.diff(self.slip, axis=0, prepend=self.slip[:1])
-        return change * rate.reshape(-1, *[1] * (change.ndim - 1))
-
-    _repr_html_ = drawn_by("gtr_jax.report.object_cards:simulation_card")
+    _repr_html_ = as_card
 
     def to_xarray(self, robot: Robot | None = None) -> xarray.Dataset:
         """The simulation as a dataset with labels and units: tensions (step, tendon), along the tendons
@@ -162,13 +99,13 @@ class Simulation(eqx.Module):
         Raises:
             ValueError: it is traced by JAX, or a batch of simulations.
         """
-        return elsewhere("gtr_jax.simulation.tables:simulation_dataset")(self, robot)
+        return simulation_dataset(self, robot)
 
     def to_pandas(self, robot: Robot | None = None) -> pandas.DataFrame:
         """A row for each step, with the columns of `simulation.csv`: SI, units in their names; arguments and
         errors as of `to_xarray`.
         """
-        return elsewhere("gtr_jax.simulation.tables:simulation_frame")(self, robot)
+        return simulation_frame(self, robot)
 
     def of_tendon(self, index: int) -> Simulation:
         """This run for one of several tendons, without the tendon axis."""
@@ -385,7 +322,9 @@ def _tensions(
     """
     known = not any(isinstance(leaf, Tracer) for leaf in jtu.tree_leaves((robot, loads, drawn)))
     if known and not OWN & {*structure.terms}:
-        found = elsewhere("gtr_jax.simulation.natively:base_tensions")(robot, structure, loads, how, drawn)
+        from .natively import base_tensions  # imported here, since it takes a compiler that few runs need
+
+        found = base_tensions(robot, structure, loads, how, drawn)
         if found is not None:
             return jnp.asarray(found), jnp.ones(found.shape[:1], bool)
     steps = loads.time.shape[0]

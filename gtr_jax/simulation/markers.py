@@ -13,8 +13,8 @@ from jaxtyping import Array, Float
 
 from ..mechanics.bodies import line_of
 from ..robot.robot import Robot, sections
-from .history import Simulation
-from .solution import Shape
+from .arrays import SimulationArrays
+from .shape import Shape
 
 READ = ("x", "y", "z", "angle")  # of a marker, as a recording's quantities end
 
@@ -40,18 +40,18 @@ def shape_in_plane(robot: Robot, curvature: Float[Array, "K N"], angle: Float[Ar
     )
 
 
-def marker_places(robot: Robot, run: Simulation) -> Float[Array, "K markers 3"]:
+def marker_places(robot: Robot, run: SimulationArrays) -> Float[Array, "K markers 3"]:
     """Places of the robot's markers in the world at every step [m]; arguments as of `marker_readings`."""
     return marker_readings(robot, run)[..., :3]
 
 
-def marker_angles(robot: Robot, run: Simulation) -> Float[Array, "K markers"]:
+def marker_angles(robot: Robot, run: SimulationArrays) -> Float[Array, "K markers"]:
     """Angles of the sections of the robot's markers at every step [rad]; as `marker_readings`."""
     return marker_readings(robot, run)[..., 3]
 
 
 @eqx.filter_jit
-def marker_readings(robot: Robot, run: Simulation) -> Float[Array, "K markers 4"]:
+def marker_readings(robot: Robot, run: SimulationArrays) -> Float[Array, "K markers 4"]:
     """Places of the robot's markers in the world at every step [m], and the angles of their sections [rad];
     see `markers_on`.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import equinox as eqx
 import jax
@@ -12,7 +12,6 @@ import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int
 
-from ..elsewhere import elsewhere
 from ..mechanics import Memory, ProgramSpec, Step, Unloaded, channel, metric_of
 from ..mechanics.bodies import line_of, offset_of
 from ..mechanics.mesh import cumulative, increments
@@ -22,7 +21,10 @@ from ..mechanics.space import SPACE
 from ..robot.parts import Base, Tendon
 from ..terms import REGISTRY, called
 from ..terms.term import Values
-from .outcome import OUTSIDE_PHYSICS, is_solved, outcome
+from .arrays import EquilibriumArrays
+from .outcome import outcome
+from .shape import Shape
+from .tables import equilibrium_dataset
 
 if TYPE_CHECKING:
     import xarray
@@ -30,59 +32,7 @@ if TYPE_CHECKING:
     from ..robot.robot import Robot
 
 
-class Shape(eqx.Module):
-    """Shape of a body in space, at N nodes.
-
-    Attributes:
-        strain: twist and the two bendings, in the axes of the section [1/m], (N, 3).
-        rotation: the directors of the section as columns, in the axes of the world, (N, 3, 3).
-        position: of the midline in the world [m], (N, 3).
-        stretch: of the axis [-], (N,); None of a body that does not stretch.
-    """
-
-    strain: Float[Array, "*batch N 3"]
-    rotation: Float[Array, "*batch N 3 3"]
-    position: Float[Array, "*batch N 3"]
-    stretch: Float[Array, "*batch N"] | None = None
-
-    @property
-    def whole_strain(self) -> Float[Array, "*batch N strains"]:
-        """The strain as the mechanics has it, with the stretch if there is one."""
-        if self.stretch is None:
-            return self.strain
-        return jnp.concatenate([self.strain, self.stretch[..., None]], axis=-1)
-
-
-def tip_position(shape: Shape | None, pose: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3"]:
-    """Position of the tip in the world [m], from its shape in space or else its pose in the plane."""
-    if shape is not None:
-        return shape.position[..., -1, :]
-    return jnp.concatenate([pose[..., :2], jnp.zeros_like(pose[..., :1])], axis=-1)
-
-
-def tip_rotation(shape: Shape | None, pose: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
-    """The directors of the tip as columns, from its shape in space or else its pose in the plane."""
-    if shape is not None:
-        return shape.rotation[..., -1, :, :]
-    cos, sin = jnp.cos(pose[..., 2]), jnp.sin(pose[..., 2])
-    zero, one = jnp.zeros_like(cos), jnp.ones_like(cos)
-    rows = ((cos, -sin, zero), (sin, cos, zero), (zero, zero, one))
-    return jnp.stack([jnp.stack(row, axis=-1) for row in rows], axis=-2)
-
-
-class Pose(NamedTuple):
-    """Where the tip is and how it is turned, in the world, of a robot in the plane or in space.
-
-    Attributes:
-        position: of the midline [m], (*batch, 3); z = 0 in the plane.
-        rotation: the directors as columns, (*batch, 3, 3): the tangent, and the axes y and z of the section.
-    """
-
-    position: Float[Array, "*batch 3"]
-    rotation: Float[Array, "*batch 3 3"]
-
-
-class Equilibrium(eqx.Module):
+class Equilibrium(EquilibriumArrays):
     """Solution of one equilibrium, SI units; N nodes from base to tip; panel ends appear twice. May carry
     batch axes in front. Quantities of a tendon have a tendon axis where the robot has several tendons.
 
@@ -111,71 +61,11 @@ class Equilibrium(eqx.Module):
         shape: of a robot in space; None in the plane.
     """
 
-    s: Float[Array, " N"]
-    curvature: Float[Array, " N"]
-    angle: Float[Array, " N"]
-    tension: Float[Array, "*tendons N"]
-    T_tip: Float[Array, "*tendons"]
-    slip: Float[Array, "*tendons N"]
-    external_moment: Float[Array, "N *moment"]
-    x: Float[Array, " N"]
-    y: Float[Array, " N"]
-    wrap: Float[Array, "*tendons N"]
-    tendon_angle: Float[Array, "*tendons N"]
-    metric: Float[Array, "*tendons N"]
-    R: Float[Array, "*tendons_N"]
-    tendon_length: Float[Array, "*tendons"]
-    mobilisation: Float[Array, "tendons N"] | None
-    result: optx.RESULTS
-    residual_norm: Float[Array, ""]
-    iterations: Int[Array, ""]
-    memory: Memory | None = None
-    shape: Shape | None = None
-
-    @property
-    def tip(self) -> Pose:
-        """Where the tip is and how it is turned, in the plane and in space."""
-        return Pose(self.tip_position, self.tip_rotation)
-
-    @property
-    def tip_pose(self) -> Float[Array, "*batch 3"]:
-        """Midline tip of a robot in the plane: x [m], y [m], angle [rad]. In space these are of its
-        projection on the plane of x and y, and no position: take `tip`.
-        """
-        return jnp.stack([self.x[..., -1], self.y[..., -1], self.angle[..., -1]], axis=-1)
-
-    @property
-    def tip_position(self) -> Float[Array, "*batch 3"]:
-        """Midline tip in the world [m]; z = 0 in the plane."""
-        return tip_position(self.shape, self.tip_pose)
-
-    @property
-    def tip_rotation(self) -> Float[Array, "*batch 3 3"]:
-        """The directors of the tip as columns, in the axes of the world."""
-        return tip_rotation(self.shape, self.tip_pose)
-
-    @property
-    def converged(self) -> Bool[Array, "*batch"]:
-        """True where the solver met its tolerance, of a robot that can be."""
-        return self.result == optx.RESULTS.successful
-
-    @property
-    def outside_physics(self) -> Bool[Array, "*batch"]:
-        """True where the equations were solved for numbers of no robot: a negative modulus, friction below
-        zero, a channel outside the body.
-        """
-        return self.result == OUTSIDE_PHYSICS
-
-    @property
-    def solved(self) -> Bool[Array, "*batch"]:
-        """As `converged`, of any numbers."""
-        return is_solved(self.result)
-
     def to_xarray(self, robot: Robot | None = None) -> xarray.Dataset:
         """The equilibrium as a dataset with labels and units, along the tendons (tendon, s), the body (s);
         as `Simulation.to_xarray`.
         """
-        return elsewhere("gtr_jax.simulation.tables:equilibrium_dataset")(self, robot)
+        return equilibrium_dataset(self, robot)
 
     def of_tendon(self, index: int) -> Equilibrium:
         """This solution for one of several tendons, without the tendon axis."""

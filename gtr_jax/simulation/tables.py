@@ -14,11 +14,11 @@ from gtr_jax.recordings.headed import TENDON, frame_of, headed
 from gtr_jax.robot.robot import Robot
 from gtr_jax.robot.rotation import quaternion_of
 
-from .history import Simulation
+from .arrays import EquilibriumArrays, SimulationArrays
 from .markers import marker_readings, marker_rows, shape_in_plane
 from .phases import label_phases
 from .sensing import cells_differ
-from .solution import Equilibrium, Shape
+from .shape import Shape
 
 if TYPE_CHECKING:
     import pandas
@@ -29,13 +29,13 @@ STRAINS = ("twist", "curvature_y", "curvature_z")  # of a body in space, as in `
 Variables = dict[str, tuple[tuple[str, ...], Any, dict[str, str]]]
 
 
-def _tip_in_space(run: Simulation) -> dict[str, np.ndarray]:
+def _tip_in_space(run: SimulationArrays) -> dict[str, np.ndarray]:
     quaternion = np.asarray(quaternion_of(run.tip_rotation))
     places = {f"tip_{axis}": np.asarray(run.tip_position)[:, i] for i, axis in enumerate(AXES)}
     return places | {name: quaternion[:, i] for i, name in enumerate(QUATERNION)}
 
 
-def marker_columns(robot: Robot, run: Simulation) -> dict[str, np.ndarray]:
+def marker_columns(robot: Robot, run: SimulationArrays) -> dict[str, np.ndarray]:
     """The places of markers at every step [m], in the plane x and y, and the angles of their sections [rad],
     by header, (K,) each.
     """
@@ -44,7 +44,7 @@ def marker_columns(robot: Robot, run: Simulation) -> dict[str, np.ndarray]:
     return {column_of(name).header: rows[name] for name in shown}
 
 
-def simulation_columns(run: Simulation, robot: Robot | None, *, timed: bool = True) -> dict[str, Any]:
+def simulation_columns(run: SimulationArrays, robot: Robot | None, *, timed: bool = True) -> dict[str, Any]:
     """The columns of `simulation.csv`, by quantity of a recording or header: (K,) or (K, tendons).
 
     Args:
@@ -72,20 +72,20 @@ def simulation_columns(run: Simulation, robot: Robot | None, *, timed: bool = Tr
     return columns
 
 
-def _cells_differ(run: Simulation) -> bool:
+def _cells_differ(run: SimulationArrays) -> bool:
     """Whether the load cells show anything but the true tensions."""
     pairs = zip(run.reading, (run.T_base, run.T_tip), strict=True)
     return not all(np.array_equal(shown, true) for shown, true in pairs)
 
 
-def simulation_frame(run: Simulation, robot: Robot | None) -> pandas.DataFrame:
+def simulation_frame(run: SimulationArrays, robot: Robot | None) -> pandas.DataFrame:
     """See `Simulation.to_pandas`."""
     _check(run, run.residual_norm, 1)
     names = _tendons(run.T_base.shape[1:], robot)
     return frame_of(headed(simulation_columns(run, robot), tendons=names), STEP)
 
 
-def simulation_dataset(run: Simulation, robot: Robot | None) -> xarray.Dataset:
+def simulation_dataset(run: SimulationArrays, robot: Robot | None) -> xarray.Dataset:
     """See `Simulation.to_xarray`."""
     _check(run, run.residual_norm, 1)
     names = _tendons(run.T_base.shape[1:], robot)
@@ -134,7 +134,7 @@ def simulation_dataset(run: Simulation, robot: Robot | None) -> xarray.Dataset:
     return _dataset(found, coords, run.s, names, robot)
 
 
-def equilibrium_dataset(state: Equilibrium, robot: Robot | None) -> xarray.Dataset:
+def equilibrium_dataset(state: EquilibriumArrays, robot: Robot | None) -> xarray.Dataset:
     """See `Equilibrium.to_xarray`."""
     _check(state, state.residual_norm, 0)
     names = _tendons(state.tension.shape[:-1], robot)
@@ -168,7 +168,7 @@ _PLACE = "of the midline in the world"
 
 
 def _body(
-    nodes: tuple[str, ...], run: Simulation | Equilibrium, shape: Shape | None, *, in_plane: bool
+    nodes: tuple[str, ...], run: SimulationArrays | EquilibriumArrays, shape: Shape | None, *, in_plane: bool
 ) -> Variables:
     """What belongs to the body, at its nodes."""
     found = {

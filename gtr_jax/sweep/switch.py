@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float
 from gtr_jax.robot.robot import Robot
 
 from ..simulation.equilibrium import equilibrium
-from ..simulation.phases import ALL_RELEASED
+from ..simulation.release import ALL_RELEASED
 
 SECANTS = 12  # most secant steps
 TOLERANCE = 1e-11  # of the tip tension, relative

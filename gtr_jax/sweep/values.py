@@ -19,7 +19,8 @@ from ..mechanics.bodies import line_of
 from ..simulation.history import Simulation
 from ..simulation.markers import marker_rows, markers_on, shape_in_plane
 from ..simulation.sensing import cells_show
-from ..simulation.solution import Equilibrium, Shape, drawn_out, stretch_beyond, stretch_of
+from ..simulation.shape import Shape
+from ..simulation.solution import Equilibrium, drawn_out, stretch_beyond, stretch_of
 from .outputs import NODE_QUATERNION, PER_TENDON, POSE, of_markers
 
 

@@ -7,7 +7,6 @@ gives all.
 from __future__ import annotations
 
 import functools
-import sys
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any
@@ -104,8 +103,8 @@ REGISTRY: dict[str, Term] = {
 
 # Names of those that users registered.
 OWN: set[str] = set()
-# The file whose classes hold a table for each term.
-_READERS = "gtr_jax.config.sections"
+# Whether robot files have tables for the terms known so far, `terms_of_files`.
+_in_files = False
 # Whether terms are looked for that lie outside, on import: these may register themselves.
 _looking = True
 
@@ -125,7 +124,7 @@ def register_term(term: Term, *, where: str = "register_term") -> Term:
         InputError: its name is taken, it has no hook, does something at its null values or reads what it
             does not declare; or robot files have been read already, with tables for the terms known then.
     """
-    if _READERS in sys.modules and not _looking:
+    if _in_files and not _looking:
         raise InputError(
             f"{where}: robot files are read already, with the terms known then; register terms right after "
             "'import gtr_jax', before calibrate, design or a robot file"
@@ -139,6 +138,13 @@ def register_term(term: Term, *, where: str = "register_term") -> Term:
     OWN.add(term.id)
     keep_none()
     return term
+
+
+def terms_of_files() -> tuple[Term, ...]:
+    """Every registered term, for the tables of robot files; from now on none can be registered."""
+    global _in_files
+    _in_files = True
+    return tuple(REGISTRY.values())
 
 
 def own_mark() -> str:
@@ -210,4 +216,5 @@ __all__ = [
     "null_values",
     "own_mark",
     "register_term",
+    "terms_of_files",
 ]

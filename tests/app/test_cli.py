@@ -200,7 +200,7 @@ def test_rigid_sheath(run, tmp_path, make_config):
 
 
 def test_steps_that_do_not_converge_are_said_and_written(run, tmp_path, monkeypatch):
-    from gtr_jax.report import simulation
+    from gtr_jax.report import simulation_answer
 
     def broken(robot, T_base, **clock):
         run = gtr.simulate(robot, T_base, **clock)
@@ -210,7 +210,7 @@ def test_steps_that_do_not_converge_are_said_and_written(run, tmp_path, monkeypa
         T_tip = jnp.where(late, jnp.nan, run.T_tip)
         return dataclasses.replace(run, result=result, T_tip=T_tip)
 
-    monkeypatch.setattr(simulation, "simulate", broken)
+    monkeypatch.setattr(simulation_answer, "simulate", broken)
     outcome = run("simulate", SIMULATED, *LOOP, "-o", "out")
     assert outcome.status == 1
     assert "6 of 17 steps did not converge" in outcome.out and "step 12" in outcome.out

@@ -13,8 +13,8 @@ from command_line import run_gtr
 
 import calibrate
 import gtr_jax as gtr
+from calibrate.fitting.fitted import FittedChannel
 from calibrate.fitting.identifiability import _measurements
-from calibrate.fitting.result import FittedChannel
 from calibrate.fitting.without_tip_tension import without_tip
 from calibrate.inference.answer import TIP_CELL, Judged
 from gtr_jax.recordings.base_tension import exact

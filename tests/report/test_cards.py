@@ -3,7 +3,10 @@
 import base64
 import dataclasses
 import re
+import subprocess
+import sys
 from html.parser import HTMLParser
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -22,6 +25,7 @@ from gtr_jax.config.config import load_config
 from gtr_jax.plots.straight import plot_straight
 from gtr_jax.report import object_cards
 
+ROOT = Path(__file__).parents[2]
 HELIX, THREE = "examples/helix.toml", "examples/three-tendons.toml"
 VOID = {"img", "br"}
 
@@ -210,3 +214,37 @@ def test_a_design_lists_what_was_searched():
     )
     table = design_table(cast(Any, answer))
     assert [tuple(row) for row in table.rows] == [("r1", "4 mm", "−10 mm … 10 mm")]
+
+
+@pytest.mark.parametrize(
+    "imports", ["import gtr_jax as gtr; Robot = gtr.Robot", "from gtr_jax.robot.robot import Robot"]
+)
+def test_what_draws_a_card_is_imported_when_a_notebook_asks(imports):
+    code = (
+        f"import sys; {imports}; from gtr_jax.robot.build import load_robot;"
+        f"robot = load_robot('{HELIX}'); before = 'matplotlib' in sys.modules;"
+        "html = robot._repr_html_(); print(isinstance(robot, Robot), before, 'A robot in space' in html)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert done.stdout.split() == ["True", "False", "True"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "card"),
+    [
+        ("calibrate.fitting.result.FitResult", "calibrate.report.cards"),
+        ("calibrate.diagnosis.answer.result.Diagnosis", "calibrate.report.cards"),
+        ("design.result.Design", "design.report.design"),
+    ],
+)
+def test_the_door_of_a_package_brings_its_cards(kind, card):
+    module, _, name = kind.rpartition(".")
+    code = (
+        "import contextlib, sys; from gtr_jax.notebook import as_card, card_of\n"
+        f"from {module} import {name}\n"
+        f"before = '{card}' in sys.modules\n"
+        f"with contextlib.suppress(AttributeError): as_card({name}.__new__({name}))  # it has no numbers\n"
+        f"print(before, card_of.dispatch({name}).__module__)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert done.stdout.split() == ["False", card]

@@ -12,7 +12,7 @@ from gtr_jax.plots.style import PHASE_COLOUR
 from gtr_jax.report.motion import kept_steps
 from gtr_jax.report.page import Report, render
 from gtr_jax.report.playback import kept_samples
-from gtr_jax.report.simulation import LONG, _at_rest
+from gtr_jax.report.simulation_answer import LONG, _at_rest
 from tests.histories import SETTINGS, made_up
 
 

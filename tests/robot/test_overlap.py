@@ -6,7 +6,8 @@ import pytest
 
 import gtr_jax as gtr
 from gtr_jax.examples import SIMULATED
-from gtr_jax.report.simulation import answer_simulation, facts, simulation_report
+from gtr_jax.report.simulation import facts, simulation_report
+from gtr_jax.report.simulation_answer import answer_simulation
 from gtr_jax.robot.overlap import crosses_itself, impossible, impossible_in_space, meets_itself, outline
 
 RADIUS, LENGTH = 0.01, 0.3

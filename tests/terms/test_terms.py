@@ -321,7 +321,8 @@ def test_files_hold_any_term(make_robot, tmp_path):
 
 
 def test_a_simulation_is_told_with_terms(robot):
-    from gtr_jax.report.simulation import answer_simulation, verdict
+    from gtr_jax.report.simulation import verdict
+    from gtr_jax.report.simulation_answer import answer_simulation
 
     loop = way(0, 24, 2, steps=30)
     answer = answer_simulation(robot.with_values(**{"presliding.length": 4e-4}), loop)

@@ -8,113 +8,33 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calibrate.diagnosis.decision.decide import (
-    ADEQUATE,
-    AMBIGUOUS,
-    DISCOVERED,
-    MISSING,
-    PARTLY,
-    UNEXPLAINED,
-    Decision,
-)
-from calibrate.diagnosis.evidence.averaged import Averaged, Hidden
-from calibrate.diagnosis.evidence.marginal import Marginal
-from calibrate.diagnosis.evidence.models import Models
+from calibrate.diagnosis.evidence.averaged import Hidden
 from calibrate.diagnosis.hypotheses.hypotheses import INSTRUMENT_NUMBERS
-from calibrate.diagnosis.laws.discovery import Discovery, with_laws
-from calibrate.diagnosis.laws.found import FoundLaw, found_law
+from calibrate.diagnosis.laws.found import FoundLaw
 from calibrate.diagnosis.likelihood.locate import Where
 from calibrate.diagnosis.outside.episodes import Episode
 from calibrate.diagnosis.outside.leave_out import LeftOut
 from calibrate.diagnosis.outside.patterns import Pattern
-from calibrate.diagnosis.screening.screen import SEEN, Screened
 from calibrate.diagnosis.search.differ import Difference
 from calibrate.inference.channels import unit_of
 from calibrate.inference.number import OWN
 from calibrate.inference.setup import Observation
 from calibrate.planning.experiment import Experiment
-from gtr_jax import Robot, RobotConfig
-from gtr_jax.notebook import drawn_by
-from gtr_jax.recordings.headed import dataset_of, frame_of
-from gtr_jax.recordings.recording import SAMPLE
-from gtr_jax.recordings.signals.noise import Noise
+from gtr_jax import RobotConfig
+from gtr_jax.notebook import as_card
 from gtr_jax.terms import Law, Term, catalogue_of
 from gtr_jax.to_jsonable import to_jsonable
 
-from .earlier import Settled
-from .robots import RobotFile, kinds, robot_files
-from .sentence import DIFFER, sentence
-from .tables import changes_frame, loop_columns
+from .change import Change, changes_frame
+from .loop import Loop
+from .robots import RobotFile
+from .settled import Settled
 
 if TYPE_CHECKING:
     import pandas
-    import xarray
 
 BAD_DATA = "bad-data"
 Names = tuple[str, ...]
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Pull:
-    """One tendon of a recording of K samples.
-
-    Attributes:
-        tendon: its name, "" of the only one.
-        drive: true base tension as estimated [N] or, where displacement drives it, that [m], (K,).
-        by_displacement: whether it does.
-        phases: of the base model, (K,).
-        branches: base tension, D and S of the recording, before and after, see `locate.ratio_of_branches`;
-            none where displacement drives it.
-        noise_drive: of what is recorded at the base, in the unit of `drive`.
-    """
-
-    tendon: str
-    drive: np.ndarray
-    by_displacement: bool
-    phases: np.ndarray
-    branches: list[tuple[np.ndarray, np.ndarray, np.ndarray]]
-    noise_drive: float
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Loop:
-    """One recording of K samples beside the base model and the one that is shown.
-
-    Attributes:
-        name: of the recording.
-        channels: first those that are explained: the tip tensions, one for each tendon, or where none was
-            recorded, what else has one unit.
-        time: [s], (K,), or None.
-        recorded, before, after: SI, (C, K).
-        cycles: number of the cycle, from 1, (K,).
-        counted: samples that are compared, (K,) bool.
-        explained: how many of the channels are.
-        of: number of the tendon that each channel belongs to, or that leads.
-        pulls: what concerns each tendon.
-        noise: of each channel.
-    """
-
-    name: str
-    channels: tuple[str, ...]
-    time: np.ndarray | None
-    recorded: np.ndarray
-    before: np.ndarray
-    after: np.ndarray
-    cycles: np.ndarray
-    counted: np.ndarray
-    explained: int
-    of: tuple[int, ...]
-    pulls: tuple[Pull, ...]
-    noise: tuple[Noise, ...]
-
-    def to_pandas(self) -> pandas.DataFrame:
-        """The recording beside both models, with the columns of `diagnosis.csv`: SI, units in the names."""
-        return frame_of(loop_columns(self), SAMPLE)
-
-    def to_xarray(self) -> xarray.Dataset:
-        """The same as a dataset with units: (sample,), of several tendons (sample, tendon)."""
-        names = tuple(pull.tendon for pull in self.pulls if pull.tendon)
-        return dataset_of(loop_columns(self), SAMPLE, tendons=names)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -138,39 +58,6 @@ class Rival:
     values: Mapping[str, float]
     failed: int
     log_posterior: float
-
-
-@dataclasses.dataclass(frozen=True)
-class Change:
-    """A number before and after: SI; None where it is not in that model.
-
-    Attributes:
-        name, unit: of it.
-        before, after: values.
-        sd: standard deviation of `after`, with all other uncertainty counted in.
-        lower95, upper95: ends of its 95 % interval.
-        made_of: share of its variance by source: noise, uncertain numbers of the robot file, the law, the
-            mesh.
-        averaged95: ends of the 95 % interval averaged over models; see `averaged`.
-    """
-
-    name: str
-    unit: str
-    before: float | None
-    after: float | None
-    sd: float | None
-    lower95: float | None = None
-    upper95: float | None = None
-    made_of: Mapping[str, float] = dataclasses.field(default_factory=dict)
-    averaged95: tuple[float, float] | None = None
-
-    @property
-    def widened(self) -> float:
-        """Width of the averaged interval over that under the model shown; 1 where there is none."""
-        if self.averaged95 is None or self.lower95 is None or self.upper95 is None:
-            return 1.0
-        narrow = self.upper95 - self.lower95
-        return (self.averaged95[1] - self.averaged95[0]) / narrow if narrow > 0 else 1.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -296,106 +183,6 @@ class Diagnosis:
             settings={"samples": sum(p.samples for p in parts)},
         )
 
-    @staticmethod
-    def of(
-        decision: Decision,
-        models: Models,
-        screened: Sequence[Screened],
-        *,
-        before: Marginal,
-        after: Marginal,
-        refitted: Mapping[Names, Marginal],
-        average: Averaged,
-        discovery: Discovery | None,
-        where: list[Where],
-        rest: list[Where],
-        strata: list[tuple[str, float, float, float]],
-        held: list[dict[str, float]],
-        loops: list[Loop],
-        rivals: list[Rival],
-        experiment: Experiment | None,
-        parts: Sequence[Observation],
-        config: RobotConfig | None,
-        fine: Robot,
-        differ: Sequence[Difference],
-        episodes: list[Episode],
-        left_out: list[LeftOut],
-        warnings: list[str],
-    ) -> Diagnosis:
-        """Gather a diagnosis."""
-        chosen = decision.chosen
-        was, now, read = (
-            np.concatenate(
-                [row[: loop.explained, loop.counted].ravel() for row, loop in zip(each, loops, strict=True)]
-            )
-            for each in zip(*((loop.before, loop.after, loop.recorded) for loop in loops), strict=True)
-        )
-        verdict = DIFFER if differ and decision.verdict == ADEQUATE else decision.verdict
-        if any(stretch.outside for stretch in left_out):
-            # What acts from outside is missing as well.
-            never = {MISSING: PARTLY, AMBIGUOUS: PARTLY, ADEQUATE: UNEXPLAINED, DIFFER: UNEXPLAINED}
-            verdict = never.get(verdict, verdict)
-        named = kinds(chosen.names) if verdict in (MISSING, AMBIGUOUS, PARTLY, DISCOVERED) else []
-        confusion = list(map(list, dict.fromkeys(tuple(kinds(names)) for names in decision.confusion)))
-        alone = verdict == MISSING or (verdict == PARTLY and len(confusion) == 1)
-        alone = alone or (verdict == DISCOVERED and not confusion)
-        laws = {} if discovery is None else discovery.laws
-        fine = with_laws(fine, list(laws.values()))
-        variants = []
-        if alone and len(decision.confusion) > len(confusion):
-            told = " or ".join(" + ".join(names) for names in decision.confusion)
-            variants = [f"Which of these it is, where or in which form, is not told: {told}."]
-        files, faults = robot_files(decision, after, refitted, differ, config, fine, laws)
-        diagnosis = Diagnosis(
-            verdict=verdict,
-            says="",
-            named=named if alone else [],
-            confusion_set=([named] if named else []) if alone else confusion,
-            probability={" + ".join(names): p for names, p in decision.probability.items()},
-            named_probability=sum(
-                p for names, p in decision.probability.items() if named and set(named) <= set(kinds(names))
-            ),
-            where=where,
-            rest=rest,
-            parameters=_changes(before, after, average),
-            unit=unit_of(loops[0].channels[0]),
-            rms=(_rms(was - read), _rms(now - read)),
-            held_out=held,
-            noise=models.likelihood.expected_rms(mesh=False),
-            expected=models.likelihood.expected_rms(),
-            left=decision.left,
-            base_left=decision.base_left,
-            pattern=decision.pattern,
-            rivals=rivals,
-            strata=strata,
-            smallest_detectable={
-                s.hypothesis.numbers[0].name: float(s.smallest) for s in screened if np.isfinite(s.smallest)
-            },
-            experiment=experiment,
-            loops=loops,
-            config=files[0].config if files else None,
-            converged=after.fitted.failed == 0,
-            warnings=[*warnings, *variants, *faults],
-            settings={
-                "samples": sum(p.samples for p in parts),
-                "samples_simulated": sum(r.part.samples for r in models.likelihood.rigs),
-                "mesh_intervals": sum(models.likelihood.rigs[0].robot.intervals),
-                "seen_standard_errors": SEEN,
-                "hypotheses": sorted(models.of),
-                "free_of_the_base_model": [n.name for n in models.likelihood.base],
-                "variance_scale": models.scale,
-                "heavy_tails": models.likelihood.heavy,
-            },
-            differ=[d.at(after.fitted.values) for d in differ],
-            files=files,
-            episodes=episodes,
-            left_out=left_out,
-            hidden=average.hidden,
-            discovered=None if discovery is None else found_law(discovery, after),
-            laws=models.likelihood.rigs[0].robot.laws,
-        )
-        return dataclasses.replace(diagnosis, says=sentence(diagnosis, chosen.names))
-
     @property
     def instruments(self) -> list[Change]:
         """What the instruments add, where that is fitted beside every hypothesis."""
@@ -420,13 +207,13 @@ class Diagnosis:
         of = {c.name: c for c in self.parameters}
         return {k: of[f"{difference.name}{OWN}{k}"] for k in difference.own}
 
-    _repr_html_ = drawn_by("calibrate.report.cards:diagnosis_card")
+    _repr_html_ = as_card
 
     def to_pandas(self) -> pandas.DataFrame:
         """The numbers before and after, a row for each by its name: SI, with sd, the 95 % interval under the
         model shown, the one averaged over models, and the unit; NaN where there is none.
         """
-        return changes_frame(self)
+        return changes_frame(self.parameters)
 
     def to_json(self) -> dict[str, Any]:
         """The contents of `diagnosis.json`."""
@@ -543,37 +330,3 @@ class Diagnosis:
             "settings": self.settings,
         }
         return to_jsonable(answer)
-
-
-def _rms(x: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(x**2)))
-
-
-def _changes(before: Marginal, after: Marginal, average: Averaged) -> list[Change]:
-    """The numbers of the robot before and after; fixed numbers last."""
-    was = {n.name: before.fitted.values[n.name] for n in before.fitted.numbers}
-    found = []
-    for i, n in enumerate(after.fitted.numbers):
-        value = after.fitted.values[n.name]
-        lower, upper = after.interval(i)
-        found.append(
-            Change(
-                name=n.name,
-                unit=n.unit,
-                before=was.get(n.name),
-                after=value,
-                sd=after.sd(i),
-                lower95=lower,
-                upper95=upper,
-                made_of=after.made_of[i],
-                averaged95=average.ends.get(n.name),
-            )
-        )
-    free = {n.name for n in after.fitted.numbers}
-    assumed = {k: v for k, v in after.fitted.values.items() if k not in free}
-    terms = after.likelihood.rigs[0].robot.catalogue
-    units = {f"{t.id}.{q.name}": q.unit for t in terms.values() for q in t.numbers}
-    return found + [
-        Change(name=name, unit=units.get(name, ""), before=None, after=value, sd=None)
-        for name, value in assumed.items()
-    ]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,8 +24,7 @@ from gtr_jax.numbers import measured_quantity, quantity
 from gtr_jax.robot.parameters import STIFFNESS
 from gtr_jax.terms.law import VARIABLES
 
-if TYPE_CHECKING:
-    from .result import Diagnosis
+from .result import Diagnosis
 
 DIFFER = "recordings-differ"
 # Residual, in units of the expected noise, above which the sentence calls it more than noise: of 86 sound

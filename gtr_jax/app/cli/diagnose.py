@@ -184,7 +184,7 @@ def write_answer(
     figures: Sequence[str] = (),
 ) -> None:
     """Write all that a diagnosis leaves into a folder."""
-    from calibrate.diagnosis.answer.tables import loop_columns
+    from calibrate.diagnosis.answer.loop import loop_columns
     from calibrate.report.diagnosis import diagnosis_report
     from gtr_jax.config.config import config_text, dump_config
     from gtr_jax.recordings.recording import write_recording

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import importlib
 import re
-import threading
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -196,8 +194,6 @@ def solve(
     import calibrate
 
     check_noise(noise, noise_base)
-    # What draws the answer is imported meanwhile: half a second in which the fit needs no interpreter.
-    threading.Thread(target=importlib.import_module, args=("calibrate.report",), daemon=True).start()
     with interruption.patient():  # which leaves the fit without its profiles
         return calibrate.fit(
             robots,
@@ -252,7 +248,7 @@ def write_answer(
     """Write all that a fit leaves into a folder: of one recording fit.csv, of several fit-NAME.csv of each;
     robot.toml and fitted.toml likewise where there are several robots; draws.csv and draws.nc of a posterior.
     """
-    from calibrate.fitting.tables import fitted_columns
+    from calibrate.fitting.fitted import fitted_columns
     from calibrate.inference.posterior_draws import draws_columns
     from calibrate.report.fit import fit_report
     from gtr_jax.config.config import config_text, dump_config

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from gtr_jax.config.config import RobotConfig
     from gtr_jax.recordings.driving import Drive
     from gtr_jax.recordings.recording import Recording
-    from gtr_jax.report.simulation import SimulationAnswer
+    from gtr_jax.report.simulation_answer import SimulationAnswer
     from gtr_jax.simulation.history import Simulation
 
 STEPS = 40
@@ -298,7 +298,7 @@ def solve(
     """
     import numpy as np
 
-    from gtr_jax.report.simulation import answer_simulation
+    from gtr_jax.report.simulation_answer import answer_simulation
     from gtr_jax.robot.build import build_robot
 
     robot = build_robot(config, resolution=resolution)

@@ -10,7 +10,7 @@ from benchmarks.frozen import compare
 from benchmarks.frozen.__main__ import BEFORE, NOW, main, report
 from benchmarks.frozen.cases import PARTS, Case
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 FIT = {"mu": 0.3, "curve": [0.0, 10.0], "says": "of 45 N, 21 N are left", "seconds": 4.0, "converged": True}
 TABLE = "time_s,T_tip_N,phase\n0,1.5,pulling\n1,40,pulling\n"
 DRAWING = "  0\nLINE\n 10\n1.25\n$TDCREATE\n 40\n2461374.71348\n"
