@@ -43,6 +43,7 @@ HEAD = (
     "| with a third tendon | 100 | 0, 0, 0 | 1.6e-13 N | 2.9e-15 m, rad | 13.6, 9.9, 3.1 | 302, 47, 66 |",
     "| 20 of the histories below | 1,920 | 0, 0, 0 | 6.7e-13 N | 5.1e-15 m, rad | 11.7, 9.5, compiled | "
     "99, 25, 28 |",
+    "| 200 of them | 19,200 | 0, 0, | 9.7e-07 N | 2.9e-08 m, rad | | a quarter |",
     "",
     "Directions of slip and slip fronts were the same in all. Native code goes through four histories side "
     "by side in about the time of one.",
