@@ -1,7 +1,7 @@
 """What the diagnosis says of labelled recordings: `python -m benchmarks.labelled FOLDER [CASE ...]`.
 
 FOLDER holds a folder for each case: robot.toml, recording.csv and truth.json. The diagnosis was developed on
-such recordings: this is no proof of it, but shows what a change of it does.
+such recordings: this is not a proof of it, but shows what a change of it does.
 """
 
 from __future__ import annotations

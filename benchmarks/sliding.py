@@ -2,7 +2,7 @@
 
 Where friction grows with the speed of the slip, a tendon slips on for a while after its base tension has
 turned back. The blind benchmark's machine is a thread marched in time, here in eight steps for each sample;
-the simulator takes one or four. Where nothing is foretold of the slip, each point may keep the tension that
+the simulator takes one or four. Where nothing is predicted of the slip, each point may keep the tension that
 friction could hold.
 """
 
@@ -82,7 +82,7 @@ def thread(coefficient: float, exponent: float) -> Arm:
     )
 
 
-def _unforetold(case, load, memory):
+def _unpredicted(case, load, memory):
     none = jnp.zeros_like(memory.tension)
     return Sliding(none, none)
 
@@ -121,12 +121,12 @@ def _histories():
 def rows() -> list[str]:
     """The table: rms of the tip tension [mN]."""
     found = [
-        "| history | coefficient, exponent | machine, one step | one step | four steps | four, unforetold |",
+        "| history | coefficient, exponent | machine, one step | one step | four steps | four, unpredicted |",
         "|---|---|---|---|---|---|",
     ]
-    with mock.patch.object(history, "foretold", _unforetold):
+    with mock.patch.object(history, "predicted_slip", _unpredicted):
         held = [simulated(*law, time, T_base, 4)[0] for _, law, time, T_base in _histories()]
-    # Programs traced without foresight are forgotten.
+    # Programs traced without the prediction are forgotten.
     jax.clear_caches()
     eqx.clear_caches()
     for (name, law, time, T_base), without in zip(_histories(), held, strict=True):

@@ -242,7 +242,7 @@ def _check_tensions(target: TargetConfig, robot: RobotConfig, refuse) -> None:
             if branch == "pulling" and floor > T_base:
                 refuse(
                     "limits.min_T_tip",
-                    f"{floor:g} N cannot arrive of the {T_base:g} N that a target pulls with; lower it",
+                    f"{floor:g} N cannot reach the tip where a target pulls with {T_base:g} N; lower it",
                 )
 
 
@@ -267,7 +267,7 @@ def _check_search(target: TargetConfig, refuse) -> None:
     if search.n_sine == ():
         refuse("search.n_sine", "is empty; give for example [2, 3, 4]")
     if search.method == "gauss-newton" and target.goal is not None:
-        refuse("search.method", 'a goal is no sum of squares; take "l-bfgs-b" or "auto"')
+        refuse("search.method", 'a goal is not a sum of squares; take "l-bfgs-b" or "auto"')
     if search.method == "l-bfgs-b" and target.goal is None and target.robust.optimise != "nominal":
         refuse(
             "search.method", 'errors over what is not known are least squares; take "gauss-newton" or "auto"'

@@ -39,7 +39,7 @@ def check_axes(target: TargetConfig, robot: RobotConfig, refuse: Refuse) -> None
                 instead = "direction = [0.8, 0.5, 0.2], or a rotation" if space else 'angle = "55 deg"'
                 refuse(f"{key}.{name}", f"{whose}; give {instead} instead")
         if pose.direction is not None and pose.rotation is not None:
-            refuse(f"{key}.direction", "stands beside rotation, which says it too; keep one of the two")
+            refuse(f"{key}.direction", "is given beside rotation, which says the same; remove one of the two")
         if pose.direction is not None and not math.hypot(*pose.direction) > 0:
             refuse(f"{key}.direction", "has no length; give a vector such as [0.8, 0.5, 0.2]")
         if pose.rotation is not None and math.hypot(*pose.rotation) > 2 * np.pi * (1 + 1e-9):

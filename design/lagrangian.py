@@ -1,4 +1,4 @@
-"""Goals, and whatever is no sum of squares: bounded L-BFGS-B on an augmented Lagrangian, many starts at
+"""Goals, and whatever is not a sum of squares: bounded L-BFGS-B on an augmented Lagrangian, many starts at
 once.
 """
 

@@ -59,7 +59,7 @@ def optimise(
     other = None if plain is None else _problem_like(problem, plain, resolution)
     progress("compiling and screening designs")
     starts, found = _searched(problem, progress)
-    progress("looking at the designs on a finer mesh")
+    progress("checking the designs on a finer mesh")
     options = distinct_options(problem, found)
     best = options[0]
     verified = verify(problem, best)
@@ -112,7 +112,8 @@ def _problem_like(problem: DesignProblem, plain: RobotConfig, resolution: float)
     other = problem_of(plain, problem.target, resolution=resolution)
     if [v.name for v in other.space.all] != [v.name for v in problem.space.all]:
         raise InputError(
-            f"{plain.source}: has not the numbers of {problem.space.config.source} that may change; compare "
+            f"{plain.source}: does not have the numbers of {problem.space.config.source} that may change; "
+            "compare "
             "robots with channels of one kind"
         )
     return other

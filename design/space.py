@@ -158,7 +158,7 @@ def build_space(config: RobotConfig, target: TargetConfig, *, resolution: float)
         resolution: factor on the mesh of the search.
 
     Raises:
-        InputError: a name that is no number of the robot, or bounds that are missing, unknown or crossed.
+        InputError: a name that is not a number of the robot, or bounds that are missing, unknown or crossed.
     """
     robot = build_robot(config)
     tensions = pulls_of(config, target)
@@ -236,12 +236,13 @@ def _names(config: RobotConfig, robot: Robot, target: TargetConfig) -> list[str]
         if entry is None or not entry.key.startswith(SECTIONS):
             may = [p.name for p in known.values() if p.key.startswith(SECTIONS)]
             raise InputError(
-                f"{target.source}: search: '{name}' is no number of body, channel or tendon that may change; "
+                f"{target.source}: search: '{name}' is not a number of body, channel or tendon that may "
+                "change; "
                 f"{did_you_mean(name, [*may, T_BASE])}"
             )
         short = entry.name
         if short in names:
-            raise InputError(f"{target.source}: search: '{name}' stands twice; keep one")
+            raise InputError(f"{target.source}: search: '{name}' is given twice; remove one")
         names.append(short)
     if not names and not search.frees_tension and not search.n_sine:
         raise InputError(
@@ -299,7 +300,7 @@ def _variable(
         if found is None:
             unit = entry.unit or "1"
             raise InputError(
-                f"{where}: missing; {entry.name} is free, so say within what, for example "
+                f"{where}: missing; {entry.name} is free, so give its bounds, for example "
                 f"{entry.name} = [{_example(0.5 * start, unit)}, {_example(2 * start, unit)}]"
             )
         lower, upper = found
@@ -350,12 +351,14 @@ def _free_tension(
     where = f"{target.source}: search.bounds.{key}"
     given, top = bounds.get(key), target.limits.max_T_base
     if given is None and top is None:
-        raise InputError(f'{where}: missing; T_base is free, so say within what, for example ["5 N", "60 N"]')
+        raise InputError(f'{where}: missing; T_base is free, so give its bounds, for example ["5 N", "60 N"]')
     lower, upper = (to_si(v, "N", where) for v in given) if given is not None else (0.05 * (top or 0.0), top)
     upper = min(upper, top) if top is not None else upper  # type: ignore[type-var]
     slack = bool(own)  # one of several tendons may be slack
     if upper is None or not 0 <= lower < upper or (lower == 0 and not slack):
-        raise InputError(f"{where}: {lower:g} N to {upper:g} N is no range of tensions; give the least first")
+        raise InputError(
+            f"{where}: {lower:g} N to {upper:g} N is not a range of tensions; give the least first"
+        )
     if lower < preload:
         raise InputError(f"{where}: {lower:g} N is less than the preload of {preload:g} N; begin there")
     return Variable(name, "", "N", lower, upper, start, place)
@@ -368,7 +371,7 @@ def with_family(config: RobotConfig, target: TargetConfig) -> RobotConfig:
         return config
     if config.tendons:
         raise InputError(
-            f"{target.source}: search.kind: is of robots with one tendon; leave it out, and give each of "
+            f"{target.source}: search.kind: is for robots with one tendon; leave it out, and give each of "
             "several its kind of channel in the robot file"
         )
     present = config.routing

@@ -122,7 +122,7 @@ def _of_fit(target: TargetConfig, path: Path) -> tuple[np.ndarray, float]:
         parameters = data["parameters"]
         names = list(parameters)
     except (ValueError, KeyError, TypeError):
-        raise InputError(f"{where}: {path} is no fit.json; take the one of a run of gtr fit") from None
+        raise InputError(f"{where}: {path} is not a fit.json; take the one of a run of gtr fit") from None
     if not data.get("converged", True):
         raise InputError(f"{where}: {path} did not converge; fit again")
     sd, rho = np.zeros(2), 0.0

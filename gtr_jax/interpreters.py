@@ -77,7 +77,7 @@ def leave_the_current_folder() -> None:
 
 def search_path(path: Sequence[str]) -> list[str]:
     """A path of Python's without the current folder and without what PYTHONPATH names relative to it: an
-    empty name there is the current folder, too. Folders stay that stand behind the standard library, where
+    empty name there is the current folder, too. Folders stay that come after the standard library, where
     installed packages are, or in full in PYTHONPATH, and the one that this package is imported from.
 
     Args:

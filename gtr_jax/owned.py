@@ -37,7 +37,7 @@ def own_folder(folder: Path) -> Path:
             above.mkdir(0o700, exist_ok=True)
     folder = folder.resolve()
     if not folder.is_dir():
-        raise NotADirectoryError(f"{folder} is no folder")
+        raise NotADirectoryError(f"{folder} is not a folder")
     if POSIX:
         for place in (folder, *folder.parents):
             if why := _changed_by(place, sealed=place == folder):
@@ -50,8 +50,8 @@ def own_folder(folder: Path) -> Path:
 
 
 def private_place(name: str = "gtr-jax") -> Path | None:
-    """The user's own folder for what is no cache; where there is none to be had, one beside temporary files;
-    None if there is none either.
+    """The user's own folder for what is not a cache; where there is none to be had, one beside temporary
+    files; None if there is none either.
     """
     from platformdirs import user_data_path
 

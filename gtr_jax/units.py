@@ -69,7 +69,7 @@ DIMENSIONS = {
 
 
 def _about(si: str) -> Dimension:
-    """What there is to say of an SI unit, one that is no key of DIMENSIONS included."""
+    """What there is to say of an SI unit, one that is not a key of DIMENSIONS included."""
     return DIMENSIONS.get(si) or Dimension(f"a quantity in {si}", si, f"2 {si}")
 
 

@@ -73,10 +73,10 @@ def residual_match(ready: Prepared) -> dict[str, Any]:
 def features(ready: Prepared) -> list[float]:
     """Of the residuals of the base fit: by phase and tension, cycle and lag, of T_tip and of the pose."""
     found: list[float] = []
-    bench, base = ready.likelihood, ready.base
-    part = bench.rigs[0].part
-    white = bench.by_channel(base.rows)[0]
-    T, phases, cycle = part.T_base.T_base, phases_of(bench, base, 0), cycles_of(part.T_base.T_base)
+    likelihood, base = ready.likelihood, ready.base
+    part = likelihood.rigs[0].part
+    white = likelihood.by_channel(base.rows)[0]
+    T, phases, cycle = part.T_base.T_base, phases_of(likelihood, base, 0), cycles_of(part.T_base.T_base)
     edges = np.linspace(T.min(), T.max() + 1e-9, BINS + 1)
     rows = [white[k] if k < len(white) else np.zeros(white.shape[1]) for k in range(5)]
     z = rows[0]

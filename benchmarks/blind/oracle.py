@@ -56,13 +56,13 @@ def left(folder: Path, key: dict[str, Any]) -> dict[str, float]:
     part = dataclasses.replace(part, recorded=clean, T_base=base)
     dimensions = dimensions_of(config, robot)
     rig = SimulatedRig(part, robot, [d.name for d in dimensions])
-    bench = Likelihood((rig,), base_numbers(robot, deviations_of(config, robot)), tuple(dimensions))
-    values = {n.name: key[n.name] for n in bench.base}
+    likelihood = Likelihood((rig,), base_numbers(robot, deviations_of(config, robot)), tuple(dimensions))
+    values = {n.name: key[n.name] for n in likelihood.base}
     true = rig(values)
     if true is None:
         raise RuntimeError(f"{folder}: the base model cannot be simulated with the true mu and E")
-    bench = bench.weighed(values, [true], [noise])
-    found = _least(bench, np.asarray([n.at(values[n.name]) for n in bench.base]))
+    likelihood = likelihood.weighed(values, [true], [noise])
+    found = _least(likelihood, np.asarray([n.at(values[n.name]) for n in likelihood.base]))
     if found is None:
         raise RuntimeError(f"{folder}: the base model cannot be refitted")
     off = [s.values[rig.where][0] - clean[0] for s in (true, found.seen[0])]
@@ -73,19 +73,19 @@ def left(folder: Path, key: dict[str, Any]) -> dict[str, float]:
         "refit_rms_N": refit,
         "concealment": float(np.clip(1 - refit / max(raw, 1e-12), 0, 1)),
         "noise_N": float(np.hypot(noise[0].sd, key["sd_base"])),
-        **(_rivalry(bench, found, key["terms"][0]) if key["kind"] == "single" else {}),
-        **(_parts(bench, found, key["hidden"]) if key["kind"] in SEVERAL else {}),
+        **(_rivalry(likelihood, found, key["terms"][0]) if key["kind"] == "single" else {}),
+        **(_parts(likelihood, found, key["hidden"]) if key["kind"] in SEVERAL else {}),
     }
 
 
-def _least(bench: Likelihood, true: np.ndarray) -> Fitted | None:
+def _least(likelihood: Likelihood, true: np.ndarray) -> Fitted | None:
     """The base model refitted from the true numbers, and from other friction coefficients: where friction and
     modulus make up for an effect together, the true ones lie in another valley.
     """
-    starts = [true, *(np.asarray([bench.base[0].at(mu), *true[1:]]) for mu in OTHERS)]
-    fits = [bench.refit((), start, most=12, exact=False) for start in starts]
+    starts = [true, *(np.asarray([likelihood.base[0].at(mu), *true[1:]]) for mu in OTHERS)]
+    fits = [likelihood.refit((), start, most=12, exact=False) for start in starts]
     best = min((f for f in fits if f is not None), key=lambda f: f.cost, default=None)
-    return best and bench.refit((), best.x, most=30)
+    return best and likelihood.refit((), best.x, most=30)
 
 
 def _noise(row: np.ndarray) -> Noise:
@@ -94,12 +94,12 @@ def _noise(row: np.ndarray) -> Noise:
     return Noise(sd, float(np.clip(np.mean(row[1:] * row[:-1]) / max(sd**2, 1e-300), 0.0, 0.8)))
 
 
-def _parts(bench: Likelihood, base: Fitted, hidden: Sequence[str]) -> dict[str, float]:
+def _parts(likelihood: Likelihood, base: Fitted, hidden: Sequence[str]) -> dict[str, float]:
     """What the terms of the hidden effects leave together, and how much each is missed beside the others; see
     `left`. Each may be added last.
     """
     terms = [CATALOGUE[effect][0] for effect in hidden]
-    hypotheses = hypotheses_of(bench.rigs[0].part.robot, base, [bench.rigs[0].part])
+    hypotheses = hypotheses_of(likelihood.rigs[0].part.robot, base, [likelihood.rigs[0].part])
     of = {h.name: h for h in hypotheses}
 
     @functools.cache
@@ -109,8 +109,8 @@ def _parts(bench: Likelihood, base: Fitted, hidden: Sequence[str]) -> dict[str, 
             parent = best(places - {last})
             head, taken = [of[name] for name in parent.names], {n.name for n in parent.numbers}
             own = [h for h in hypotheses if h.kind == terms[last] and not taken & {n.name for n in h.numbers}]
-            screened = screen(bench, parent, own, head=head)
-            fits += [parent, *refit_best(bench, head, parent, screened, STARTS_EACH)]
+            screened = screen(likelihood, parent, own, head=head)
+            fits += [parent, *refit_best(likelihood, head, parent, screened, STARTS_EACH)]
         return min(fits, key=lambda f: f.cost, default=base)
 
     every = frozenset(range(len(terms)))
@@ -119,15 +119,15 @@ def _parts(bench: Likelihood, base: Fitted, hidden: Sequence[str]) -> dict[str, 
     return {"own": float(np.sqrt(whole)), "least_part": float(np.sqrt(min(missed)))}
 
 
-def _rivalry(bench: Likelihood, base: Fitted, truth: str) -> dict[str, float]:
+def _rivalry(likelihood: Likelihood, base: Fitted, truth: str) -> dict[str, float]:
     """What the term that is hidden leaves, and the best of the others; see `left`."""
-    hypotheses = hypotheses_of(bench.rigs[0].part.robot, base, [bench.rigs[0].part])
-    screened = screen(bench, base, hypotheses)
+    hypotheses = hypotheses_of(likelihood.rigs[0].part.robot, base, [likelihood.rigs[0].part])
+    screened = screen(likelihood, base, hypotheses)
     own = [s for s in screened if s.hypothesis.kind == truth]
     others = [s for s in screened if s.hypothesis.kind != truth][:NEAREST]
     least = []
     for some in (own, others):
-        fits = refit_best(bench, (), base, some, STARTS_EACH) if some else []
+        fits = refit_best(likelihood, (), base, some, STARTS_EACH) if some else []
         least.append(min([base.cost, *(f.cost for f in fits)]))
     apart = max(least[1] - least[0], 0.0)
     return {k: float(np.sqrt(v)) for k, v in (("own", least[0]), ("rival", least[1]), ("apart", apart))}

@@ -20,7 +20,7 @@ from .machine import Arm, Lost, march, run
 SOUND, SEVERAL, STRANGE = 0.2, (0.5, 0.35, 0.15), 0.25
 # Shares with events, and with a sheath of fixed shape where the effects allow it.
 EVENTFUL, SHEATHED = 0.45, 0.6
-# What the instruments always do is no effect: to name it is not wrong, and to leave it out is not either.
+# What the instruments always do is not an effect: to name it is not wrong, and to leave it out is not either.
 ALWAYS = ("time-skew", "zero-drift", "quantisation")
 # Effects whose size goes by the bend of a body, or whose place in a sheath no cell sees.
 BENDING = {"stiffening", "creep", "rubbing", "entry", "anchor", "patch", "kink", "snag"}

@@ -74,7 +74,7 @@ class Scored:
 
     @property
     def sets(self) -> list[list[str]]:
-        """What it names: one set of terms, or those it does not tell apart; a law found is no term."""
+        """What it names: one set of terms, or those it does not tell apart; a law found is not a term."""
         return [] if self.law else [sorted(s) for s in self.answer.get("sets", [])]
 
     @property

@@ -308,7 +308,7 @@ def study_histories(progress: Callable[[str], None]) -> Study:
     inner, decaying = stories["inner loops"], stories["decaying cycles"]
     whole = {n: float(np.mean(np.isin(s.phases, (PULLING, RELEASING)))) for n, s in stories.items()}
     text = [
-        "Re-pulls, inner loops, a staircase and decaying cycles run through the same law without more: "
+        "Re-pulls, inner loops, a staircase and decaying cycles follow the same law without additions: "
         f"{converged} of {steps} steps converged, with and without gravity. The whole tendon slips in "
         + ", ".join(f"{100 * share:.0f} % ({name})" for name, share in whole.items())
         + " of the steps; in the others a front runs from the base, and beyond it the tension is that of an "

@@ -80,7 +80,7 @@ def study_printed(progress: Callable[[str], None]) -> Study:
         "distributed moment are each about T times the distance to the tip, and nearly cancel to T times R. "
         "An error of a few per cent in one of them is of the order of the sum. The loss is less touched: "
         f"path 1 would lose {lost[1]:.1f} % and path 3 {lost[3]:.1f} %. Whether the paper's figures were "
-        "computed as printed cannot be told from it.",
+        "computed as printed cannot be seen from it.",
     ]
     return Study(
         title="Eq. (16) as printed",

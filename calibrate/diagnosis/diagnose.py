@@ -47,7 +47,7 @@ from .prepare import Prepared, names_of, prepare
 from .screening.pairs import promising
 from .screening.screen import STARTS_EACH, Screened, firm_fit, merged, screen
 from .search.differ import still_differ
-from .search.forward_search import beaten, with_further
+from .search.forward_search import beaten, forward_search
 from .search.search import PAIRS, SHORTLIST, WORTH, combine, refit_best
 from .search.twins import SETTLED, settled_with_twins
 
@@ -299,7 +299,7 @@ def _decided(
     settled_with_twins(whole, top)
     decision = decide(whole)
     if structured(decision.left) and decision.pattern is None:
-        best = with_further(whole, decision.chosen, say) if known is None else whole.stored(known)
+        best = forward_search(whole, decision.chosen, say) if known is None else whole.stored(known)
         partly = decide_partly(whole, best, decision)
         decision = partly if structured(partly.left) else decide_combined(whole, best, decision)
     if whole.likelihood.heavy is not None:
@@ -362,8 +362,8 @@ def _on_all(
 
 
 def _weighed_by_the_best(models: Models) -> Models:
-    """The models on the bench as weighed by the one of them that fits best as weighed by itself. Where the
-    tendon slips, and how the base cell's noise passes on to the tip, depends on the model: weighed by a
+    """The models with the likelihood as weighed by the one of them that fits best as weighed by itself. Where
+    the tendon slips, and how the base cell's noise passes on to the tip, depends on the model: weighed by a
     rival, a true model may seem much worse than it is.
     """
     likelihood = models.likelihood

@@ -1,4 +1,4 @@
-"""What a diagnosis starts from: recordings on the bench, the base model fitted, and what may be missing."""
+"""What a diagnosis starts from: the likelihood, the base model fitted to it, and what may be missing."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from calibrate.fitting.fit import channels_of, driven_as_recorded, part_of
 from calibrate.inference.channels import CHANNELS, quantity_of
 from calibrate.inference.free import distinct
 from calibrate.inference.instruments import cells_of, explained_first, instruments
+from calibrate.inference.load_history import padded_history
 from calibrate.inference.number import Number, values_in
-from calibrate.inference.predictor import padded_history
 from calibrate.inference.samples import some_samples
 from calibrate.inference.setup import Observation, check_columns, check_noise, recorded
 from calibrate.inference.simulated_rig import SimulatedRig, friction_of, program_for, resolution_of
@@ -67,9 +67,9 @@ class Prepared:
         config: the robot file, or None.
         fine: the robot on its own mesh.
         parts, full: the recordings, and those samples of them that are used.
-        kept: indices of the samples on the bench.
+        kept: indices of the samples in the likelihood.
         warnings: what the reader must know.
-        bench: few samples on a coarse mesh.
+        likelihood: few samples on a coarse mesh.
         rough, exact: all samples on the coarse mesh, and on a fine one.
         base: fit of the base model.
         hypotheses: what may be missing.
@@ -184,7 +184,7 @@ def prepare(
         numbers: tuple[Number, ...] = (*base_numbers(fine, deviations), *instruments),
         dimensions: Sequence[Number] = dimensions,
     ) -> _Start | None:
-        """Recordings on the bench, and the base model fitted to them; None if that fails."""
+        """The likelihood of the recordings, and the base model fitted to them; None if that fails."""
         full = [part if part.samples <= MANY else part.only(some_samples(part, MANY)) for part in parts]
         kept = [some_samples(part, FEW_OF_SEVERAL if several else FEW) for part in full]
         small = [p if len(k) == p.samples else p.only(k) for p, k in zip(full, kept, strict=True)]
@@ -208,7 +208,7 @@ def prepare(
     differ: list[Difference] = []
     found_outside, as_asked = list[Stretch](), parts[0]
     while start is not None and may_differ and several and len(differ) < MOST_DIFFER:
-        say("asking whether one number differs between the recordings")
+        say("testing whether one number differs between the recordings")
         found_split = differing(
             start.likelihood, start.base, fine, hypotheses_of(coarse, start.base, start.full, untried)
         )
@@ -223,7 +223,7 @@ def prepare(
         more = [] if start is None else _from_outside(as_asked, start)
         if start is None or not more:
             break
-        say("leaving out where the tip moves as the base cannot move it, and behind gaps")
+        say("leaving out where the tip moves in a way that the base cannot have caused, and after gaps")
         without_them = [without(as_asked, [*out[as_asked.name], *more])]
         again = fitted(without_them, start.base.x)
         if again is None:
@@ -233,7 +233,7 @@ def prepare(
     if start is not None:
         sharper = _sharpened(start, [recorded(r, fine)[0] for r in recordings])
         if sharper is not None:
-            say("fitting again, the base tension's corners put where the tip tells")
+            say("fitting again, with the corners of the base tension placed by the tip")
             again = fitted(sharper, start.base.x, start.likelihood.base, start.likelihood.dimensions)
             start = start if again is None else _better(start, again)
     if start is None:
@@ -266,7 +266,7 @@ def prepare(
 
 def _from_outside(part: Observation, start: _Start) -> list[Stretch]:
     """What of a long recording no model of its load history can know, by the base model fitted to it: where
-    something from outside moves the tip, and behind gaps.
+    something from outside moves the tip, and after gaps.
     """
     rig, robot, thinned = start.exact[0], part.robot, start.full[0]
     if part.tips != 1 or part.others or robot.tendons[0].drive != "tension":
@@ -294,7 +294,7 @@ def names_of(recordings: Sequence[Recording]) -> list[str]:
 
 
 class _Start(NamedTuple):
-    """Recordings on the bench: all their samples, those on the bench, the bench, all on a fine mesh, and the
+    """The recordings: all their samples, those in the likelihood, the likelihood, all on a fine mesh, and the
     base model fitted.
     """
 
@@ -369,7 +369,7 @@ def deviations_of(config: RobotConfig | None, robot: Robot) -> dict[str, float]:
 
 
 def _check_names(robot: Robot, untried: Sequence[str]) -> None:
-    """InputError if a name among the terms that are not tried is none of a term."""
+    """InputError if a name among the terms that are not tried belongs to no term."""
     for name in untried:
         if name not in robot.catalogue:
             near = ", ".join(nearest_first(excerpt(name), robot.catalogue)[:NEAREST])

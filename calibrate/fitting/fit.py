@@ -37,7 +37,7 @@ from gtr_jax.terms.unmoved import NO_SLIP
 from .profiles import profiles
 from .result import FitResult
 from .start import beaten, candidates, search
-from .summary import concluded, ignorance, unanswered
+from .summary import ignorance, summarise, unanswered
 
 # Slopes of the tip tension below this share of the largest tension are rounding.
 NO_SLOPE = 1e-9
@@ -118,7 +118,7 @@ def fit(
 
     Returns:
         The answer. It does not raise where there is none: `converged` is False and `verdict` says why. An end
-        that a model with fewer of the free numbers beats is no answer.
+        that a model with fewer of the free numbers beats is not an answer.
 
     Raises:
         InputError: unknown or unsuitable parameter, recording too short or with nothing to compare, noise
@@ -168,7 +168,7 @@ def fit(
     parts = []
     for k, (name, model, r, rec) in enumerate(zip(names, prepared, of, recordings, strict=True)):
         _check_times(model, rec, wanted)
-        _check_moved(model, configs[r], [f for f in wanted if k in f.parts])
+        _check_laws_can_act(model, configs[r], [f for f in wanted if k in f.parts])
         model, config, more = driven_as_recorded(model, configs[r], rec)
         warnings += more
         part, more = part_of(
@@ -236,7 +236,7 @@ def channels_of(
     are given.
 
     Raises:
-        InputError: a name that is no channel, or that no recording has.
+        InputError: a name that is not a channel, or that no recording has.
     """
     wanted = _listed(channels)
     have = names_of(recordings, robots)
@@ -245,7 +245,7 @@ def channels_of(
             continue
         known = dict.fromkeys(one for robot in robots for one in known_to(robot))
         if name not in known:
-            raise InputError(f"channel '{name}' is none of {', '.join(known)}")
+            raise InputError(f"channels: must be one of {', '.join(known)}; got '{name}'")
         raise InputError(f"channel '{name}': no recording has it; leave it out")
     return wanted
 
@@ -268,7 +268,7 @@ def _check_times(robot: Robot, recording: Recording, wanted: Sequence[Free]) -> 
             )
 
 
-def _check_moved(robot: Robot, config: RobotConfig | None, wanted: Sequence[Free]) -> None:
+def _check_laws_can_act(robot: Robot, config: RobotConfig | None, wanted: Sequence[Free]) -> None:
     """Raise InputError if a law that acts, or a number of which is free, cannot act, because the tendon never
     slips.
     """
@@ -357,8 +357,8 @@ def _estimated(
     if noise_base_N is None and base.sd == 0 and readings.is_noisy(pulled):
         remedy = "; give its noise with --noise-base" if tension else ""
         warnings.append(
-            f"{recording.path}: {what} jumps about so that noise cannot be told from changes: it "
-            f"is taken as exact, which biases friction if it is noisy{remedy}."
+            f"{recording.path}: {what} jumps about so much that noise cannot be distinguished from "
+            f"changes: it is taken as exact, which biases friction if it is noisy{remedy}."
         )
     if noise_base_N:
         seen = readings.estimate_base(pulled, recording.time, tip=T_tip).sd
@@ -400,7 +400,8 @@ def _run(setup: Setup) -> FitResult:
     for part, prediction in zip(setup.parts, first, strict=True):
         rms = np.sqrt(np.mean(part.residual(prediction) ** 2, axis=1))
         sd = part.pooled(np.maximum(part.least(part.noises()), rms))
-        weighs.append(part.weighing(prediction, sd))
+        stretch = part.stretch(prediction.T_tip)
+        weighs.append(part.weighing(prediction.slips, prediction.slopes, sd, stretch))
     problem = dataclasses.replace(problem, weighs=tuple(weighs))
     known, iterations, answer, evaluations = first, 0, None, found.evaluations + 1
     for k in range(ROBUST_REWEIGHINGS if setup.robust else REWEIGHINGS):
@@ -433,7 +434,7 @@ def _run(setup: Setup) -> FitResult:
         said = answer.information_at(as_given, there)
         return unanswered(setup, there, unknown, evaluations, said)
     fewer, more = beaten(setup, problem, problem.cost(answer.descent.u, answer.predictions), found)
-    result = concluded(setup, answer, iterations, evaluations + more, found, fewer)
+    result = summarise(setup, answer, iterations, evaluations + more, found, fewer)
     if not result.converged:
         return result
     if setup.sampled:
@@ -456,7 +457,7 @@ def _sampled(setup: Setup, answer: Answer, result: FitResult) -> FitResult:
     try:
         found = sample(setup, answer)
     except KeyboardInterrupt:
-        warning = "Interrupted while sampling the posterior: the fit is whole without it."
+        warning = "Interrupted while sampling the posterior: the fit is complete without it."
     else:
         if found is None:
             warning = "The posterior is not sampled: the recordings do not determine every parameter."

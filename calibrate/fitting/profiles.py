@@ -49,7 +49,7 @@ def profiles(setup: Setup, answer: Answer) -> Profiles:
             try:
                 found[name], count = _profile(answer, i, float(np.sqrt(known.covariance[i, i])))
             except KeyboardInterrupt:
-                warnings.append(f"Interrupted at the profile of {name}: the fit is whole without it.")
+                warnings.append(f"Interrupted at the profile of {name}: the fit is complete without it.")
                 break
             evaluations += count
     return Profiles(of=found, evaluations=evaluations, warnings=warnings)

@@ -258,7 +258,7 @@ def search(setup: Setup) -> Start | None:
     best, beside = min(ends, key=lambda end: end.cost), None
     without = nested(setup)
     if without and best.cost > EXPLAINED * sum(part.recorded.size for part in thinned):
-        setup.progress("searching wider for a start")
+        setup.progress("searching more widely for a start")
         wide = across(setup)
         further = in_parallel(end_of, _sorted(in_parallel(scanned_at, wide))[:STARTS])
         evaluations += len(wide) + sum(end.evaluations for end in further)

@@ -49,23 +49,23 @@ def mu_by_phase(setup: Setup, answer: Answer) -> Phases:
     inside = {phase: [judged.phases == phase for judged in answer.judged] for phase in (PULLING, RELEASING)}
     long = [phase for phase, samples in inside.items() if sum(map(np.sum, samples)) >= FEWEST]
 
-    def of_phase(phase: str) -> tuple[_Alone | None, int]:
+    def of_phase(phase: str) -> tuple[_SubsetFit | None, int]:
         setup.progress(f"fitting {phase} alone")
-        return _alone(setup, answer, setup.friction()[0], inside[phase])
+        return _fit_subset(setup, answer, setup.friction()[0], inside[phase])
 
     each = in_parallel(of_phase, long)
     evaluations = sum(count for _, count in each)
-    found = {phase: alone for phase, (alone, _) in zip(long, each, strict=True) if alone is not None}
+    found = {phase: fit for phase, (fit, _) in zip(long, each, strict=True) if fit is not None}
     apart = 0.0
     if len(found) == 2:
         off, covariance = _together(list(found.values()), answer.spread(setup))
         apart = abs(float(off[0] - off[1])) / float(
             np.sqrt(np.array([1, -1]) @ covariance @ np.array([1, -1]))
         )
-    return Phases({phase: alone.estimate for phase, alone in found.items()}, apart, evaluations)
+    return Phases({phase: fit.estimate for phase, fit in found.items()}, apart, evaluations)
 
 
-class Apart(NamedTuple):
+class ByRecording(NamedTuple):
     """Estimates of shared parameters from each recording alone. The other parameters stay as fitted, and
     their uncertainty counts in the errors.
 
@@ -81,10 +81,10 @@ class Apart(NamedTuple):
     evaluations: int
 
 
-NO_PHASES, NOT_APART = Phases({}, 0.0, 0), Apart({}, "", 0)
+NO_PHASES, NOT_BY_RECORDING = Phases({}, 0.0, 0), ByRecording({}, "", 0)
 
 
-def by_recording(setup: Setup, answer: Answer) -> Apart:
+def by_recording(setup: Setup, answer: Answer) -> ByRecording:
     """Estimate each shared parameter from each recording alone."""
     known, found, left, evaluations = answer.known(setup), {}, {}, 0
     for i, free in enumerate(setup.asked):
@@ -92,25 +92,23 @@ def by_recording(setup: Setup, answer: Answer) -> Apart:
             continue
         setup.progress(f"{free.name} from each recording alone")
 
-        def of_recording(k: int, i: int = i) -> tuple[_Alone | None, int]:
+        def of_recording(k: int, i: int = i) -> tuple[_SubsetFit | None, int]:
             inside = [np.full(part.samples, j == k) for j, part in enumerate(setup.parts)]
-            return _alone(setup, answer, i, inside)
+            return _fit_subset(setup, answer, i, inside)
 
         fits = in_parallel(of_recording, free.parts)
         evaluations += sum(count for _, count in fits)
         each = {
-            setup.parts[k].name: alone
-            for k, (alone, _) in zip(free.parts, fits, strict=True)
-            if alone is not None
+            setup.parts[k].name: fit for k, (fit, _) in zip(free.parts, fits, strict=True) if fit is not None
         }
         if len(each) > 1:
-            found[free.name] = {name: alone.estimate for name, alone in each.items()}
+            found[free.name] = {name: fit.estimate for name, fit in each.items()}
             if _scattered(list(each.values()), answer.spread(setup)):
-                left[free.name] = sum(alone.squares for alone in each.values())
-    return Apart(found, min(left, key=left.__getitem__, default=""), evaluations)
+                left[free.name] = sum(fit.squares for fit in each.values())
+    return ByRecording(found, min(left, key=left.__getitem__, default=""), evaluations)
 
 
-class _Alone(NamedTuple):
+class _SubsetFit(NamedTuple):
     """One number estimated from some of the samples.
 
     Attributes:
@@ -128,7 +126,7 @@ class _Alone(NamedTuple):
     squares: float
 
 
-def _together(each: list[_Alone], spread: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _together(each: list[_SubsetFit], spread: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Coordinates of one number from several parts, (m,), and their covariance, (m, m): errors of the other
     numbers, whose covariance is `spread`, (p, p), move all parts together.
     """
@@ -136,7 +134,7 @@ def _together(each: list[_Alone], spread: np.ndarray) -> tuple[np.ndarray, np.nd
     return np.asarray([a.u for a in each]), np.diag([a.own for a in each]) + lean @ spread @ lean.T
 
 
-def _scattered(each: list[_Alone], spread: np.ndarray) -> bool:
+def _scattered(each: list[_SubsetFit], spread: np.ndarray) -> bool:
     """Whether values of one number lie farther apart than their errors allow."""
     values, covariance = _together(each, spread)
     ones = np.ones(len(values))
@@ -145,7 +143,9 @@ def _scattered(each: list[_Alone], spread: np.ndarray) -> bool:
     return float(off @ np.linalg.solve(covariance, off)) > float(chdtri(len(values) - 1, CHANCE))
 
 
-def _alone(setup: Setup, answer: Answer, i: int, inside: list[np.ndarray]) -> tuple[_Alone | None, int]:
+def _fit_subset(
+    setup: Setup, answer: Answer, i: int, inside: list[np.ndarray]
+) -> tuple[_SubsetFit | None, int]:
     """Estimate free number i from some of the samples of each recording, None if they do not determine it;
     and count how often all recordings were simulated.
     """
@@ -182,5 +182,5 @@ def _alone(setup: Setup, answer: Answer, i: int, inside: list[np.ndarray]) -> tu
         both,
         [""],
     )[0]
-    alone = _Alone(estimate=found_there, u=float(found.u[i]), own=own, lean=lean, squares=squares)
-    return alone, found.evaluations
+    fit = _SubsetFit(estimate=found_there, u=float(found.u[i]), own=own, lean=lean, squares=squares)
+    return fit, found.evaluations

@@ -21,8 +21,8 @@ from calibrate.inference.estimate import (
 )
 from calibrate.inference.number import is_log
 from calibrate.inference.objective import all_converged
-from calibrate.inference.predictor import Prediction
 from calibrate.inference.setup import Observation, Setup
+from calibrate.inference.simulated_readings import Prediction
 from gtr_jax import InputError, RobotConfig
 from gtr_jax.recordings.base_tension import BaseTension
 from gtr_jax.recordings.signals.differences import MAD_TO_SD
@@ -33,7 +33,7 @@ from .fitted import FittedChannel, FittedRecording
 from .identifiability import MINOR, axes, remedy, singular
 from .result import FitResult
 from .start import Beaten, Start
-from .subset_fits import NO_PHASES, NOT_APART, by_recording, mu_by_phase
+from .subset_fits import NO_PHASES, NOT_BY_RECORDING, by_recording, mu_by_phase
 from .verdict import SMALL, Distance, by_phase, disagreement_of_phases, most_of_noise, values_apart, verdict
 from .without_tip_tension import DistanceWithoutTip, without_tip
 
@@ -92,7 +92,7 @@ def _fitted_config(
             }
         )
     except InputError as fault:
-        return None, [f"The fitted values do not make a robot file: {fault}."]
+        return None, [f"The fitted values cannot be written as a robot file: {fault}."]
     return found, []
 
 
@@ -211,7 +211,7 @@ def _unknown_axes(setup: Setup, answer: Answer, known: Uncertainty) -> list[str]
             warnings.append(
                 "The simulation hardly changes if "
                 + axis.in_a_sentence(setup.names[:n], _steps(setup, answer)[:n])
-                + " at once, so that these values cannot be told from the recording"
+                + " at once, so that the recording does not determine these values"
                 + ("s" if len(setup.parts) > 1 else "")
                 + (f"; {way}." if way else ".")
             )
@@ -258,9 +258,10 @@ def _failure(setup: Setup, answer: Answer, fewer: Beaten | None) -> str:
         left = float(np.sqrt(np.mean(np.concatenate(rms) ** 2))) if any(r.size for r in rms) else np.nan
         much = f" ({fewer.rms:.3g} N rms instead of {left:.3g} N)" if np.isfinite(fewer.rms) else ""
         return (
-            f"the descent ended in a bad place: with {held} as the robot file has {'it' if one else 'them'}, "
-            f"the others alone leave less{much}; fit --free {free} first, write what it finds into the robot "
-            f"file, and give {held} {'a value' if one else 'values'} there from which to start"
+            f"the search ended at a poor optimum: with {held} as in the robot file, a fit of the others "
+            "alone "
+            f"leaves less{much}; fit --free {free} first, write what it finds into the robot file, and give "
+            f"{held} {'a start value' if one else 'start values'} there"
         )
     return ""
 
@@ -353,7 +354,7 @@ def _not_compared(part: Observation, prediction: Prediction | None) -> np.ndarra
     return np.full(shape, np.nan) if prediction is None else prediction.T_tip.T.reshape(shape)
 
 
-def concluded(
+def summarise(
     setup: Setup,
     answer: Answer,
     iterations: int,
@@ -362,7 +363,8 @@ def concluded(
     fewer: Beaten | None = None,
 ) -> FitResult:
     """The result of a fit that reached an end, good or bad. `iterations` counts steps of the optimiser,
-    `evaluations` simulations of all recordings. An end that a model with `fewer` free numbers beats is none.
+    `evaluations` simulations of all recordings. An end that a model with `fewer` free numbers beats is not
+    counted as one.
     """
     at, descent = answer.at[0], answer.descent
     known, n = answer.known(setup), len(setup.asked)
@@ -376,7 +378,7 @@ def concluded(
     found = estimates(numbers, values, setup.initial, every, notes, answer.sources(setup))
     warnings = [_said(free.name, note) for free, note in zip(setup.free, notes, strict=True) if note]
     warnings += _unknown_axes(setup, answer, known) + _trade_offs(setup, answer, known)
-    failure, phases, apart = _failure(setup, answer, fewer), NO_PHASES, NOT_APART
+    failure, phases, apart = _failure(setup, answer, fewer), NO_PHASES, NOT_BY_RECORDING
     if failure:
         found = [
             dataclasses.replace(e, sd=None, lower95=None, upper95=None, detectable=None, made_of={})
@@ -388,7 +390,9 @@ def concluded(
         apart = by_recording(setup, answer)
     disagreement = disagreement_of_phases(phases.estimates, phases.apart)
     if disagreement:
-        warnings.append(disagreement[0].upper() + disagreement[1:] + ": more apart than their errors.")
+        warnings.append(
+            disagreement[0].upper() + disagreement[1:] + ": farther apart than their errors allow."
+        )
     clauses = [disagreement] if disagreement else []
     if apart.blamed:
         clauses.append(

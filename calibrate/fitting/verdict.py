@@ -151,7 +151,7 @@ class Distance(NamedTuple):
         """How the model describes this recording; the first clause begins a sentence or follows "but"."""
         if self.noise is None or self.chi2 is None:
             clauses = [
-                f"the fitted model is {self.off}, from the recording, whose noise cannot be told",
+                f"the fitted model is {self.off}, from the recording, whose noise cannot be estimated",
                 self.where,
             ]
         elif self.tensions_described and self.others:

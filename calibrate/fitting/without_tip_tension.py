@@ -73,7 +73,7 @@ class DistanceWithoutTip(NamedTuple):
         but = f", without {self.outliers} outliers" if self.outliers else ""
         off = f"off by {', '.join(c.off(self.known) for c in listed[:NAMED])}{more}{but}"
         if not self.known:
-            return [f"the fitted model is {off}, from the recording, whose noise cannot be told"]
+            return [f"the fitted model is {off}, from the recording, whose noise cannot be estimated"]
         if self.described:
             return [f"the fitted model describes the recording to its noise: {off}"]
         return [f"the fitted model does not describe the recording: it is {off}"]

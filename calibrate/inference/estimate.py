@@ -14,7 +14,7 @@ from .number import Number
 NORMAL_95 = 1.959963984540054
 # Standard errors of a change that is significant (two sides, 5 %) in 95 of 100 recordings.
 DETECTED = NORMAL_95 + 1.6448536269514722
-# A relative standard deviation this large (a factor of e) from the data alone is no knowledge.
+# A relative standard deviation this large (a factor of e) from the data alone is not knowledge.
 UNKNOWN = 1.0
 # A parameter that is zero in the robot file has no size to compare its error with: it counts as unknown if
 # its standard error reaches this many coordinate units (`number.UNIT_SCALE`).
@@ -67,7 +67,7 @@ class Profile:
 
     Attributes:
         values: of the parameter, increasing, (n,).
-        rise: of the sum of squares, in variances, over its least, the other parameters fitted anew, (n,).
+        rise: of the sum of squares, in variances, over its least, the other parameters fitted again, (n,).
         parabola: the same if it were the parabola of the standard error, (n,).
         lower95, upper95: where the rise passes 3.84; None where it does not within four standard errors.
     """

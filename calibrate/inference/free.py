@@ -90,12 +90,12 @@ def free_of(
     scopes: dict[str, str] = {}
     for short in (_short(robots, name) for name in free):
         if short in scopes:
-            raise InputError(f"parameter '{short}' is named twice; keep one")
+            raise InputError(f"parameter '{short}' is named twice; remove one")
         scopes[short] = ""
     for scope, names in (("recording", per_recording), ("robot", per_robot)):
         for short in (_short(robots, name) for name in names):
             if scopes.get(short):
-                raise InputError(f"parameter '{short}' is named in two of the scopes; keep one")
+                raise InputError(f"parameter '{short}' is named in two of the scopes; remove one")
             scopes[short] = scope
     if not scopes:
         raise InputError(f"no parameter is free; name some; {parameters_listed(robots[0])}")

@@ -1,4 +1,4 @@
-"""Simulations done before, kept in a file: a diagnosis that was interrupted goes on where it stopped.
+"""Simulations done before, kept in a file: a diagnosis that was interrupted resumes where it stopped.
 
 A diagnosis does the same simulations in the same order whenever it is run on the same input, so those that a
 file holds need not be done again, and the answer is that of an uninterrupted run to the last bit.

@@ -12,7 +12,7 @@ from gtr_jax import InputError
 from gtr_jax.recordings.formats.quantities import marker_quantities
 
 from .experiment import ALL_REMOVED, POSE_NOISE, REMOVED
-from .load_histories import checks, further, menu
+from .load_histories import checks, menu, more_histories
 from .model import OpenModel
 from .opened import READINGS, TENSION_SD, Opened
 from .ways_to_drive import Values, ways_to_drive
@@ -127,7 +127,7 @@ def _histories(pace: float, longest: float | None) -> dict[str, tuple[np.ndarray
     """
 
     def at(pace: float) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        return menu(1.0, READINGS, pace) | further(1.0, READINGS, pace)
+        return menu(1.0, READINGS, pace) | more_histories(1.0, READINGS, pace)
 
     found = {}
     for i, (name, (time, share)) in enumerate(at(pace).items()):

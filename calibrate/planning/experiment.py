@@ -114,7 +114,7 @@ def _driven(rig: SimulatedRig, load: np.ndarray, tendon: int) -> Observation:
 def _options(models: Models, rig: SimulatedRig) -> list[_Option]:
     part, noise = rig.part, models.likelihood.noise[0]
     clock = part.time
-    # As many samples as the bench simulates: no other program is compiled.
+    # As many samples as the likelihood simulates: no other program is compiled.
     duration = 20.0 if clock is None else max(float(clock[-1] - clock[0]) / 6, 1.0)
     n = len(part.drives)
     largest = max((float(np.max(T)) for T in part.pulled or part.recorded[: part.tips]), default=1.0)
@@ -236,7 +236,7 @@ def propose(models: Models, decision: Decision, rig: SimulatedRig) -> Experiment
     least, best = scored[0]
     expected = 1 / (1 + (len(rivals) - 1) * np.exp(-0.5 * min(least, 20.0) ** 2))
     which = " and ".join(" + ".join(f.names) if f.names else "nothing missing" for f in rivals)
-    verb = "would tell" if least > 3 else "is the best of the menu, but hardly tells"
+    verb = "would tell" if least > 3 else "is the best of the menu, but would hardly tell"
     return Experiment(
         says=f"{_in_words(best)}: it {verb} {which} apart ({least:.1f} standard errors)."
         + ("" if decision.verdict == UNEXPLAINED else _then(best)),

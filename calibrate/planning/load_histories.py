@@ -49,7 +49,7 @@ def menu(largest: float, samples: int, duration: float) -> dict[str, tuple[np.nd
     }
 
 
-def further(largest: float, samples: int, duration: float) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def more_histories(largest: float, samples: int, duration: float) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """More load histories, for a plan that has time to try them; arguments and result as of `menu`."""
     a, d, low = largest, duration, RESTING
 

@@ -98,7 +98,7 @@ def open_files(
     """
     paths = [Path(file) for file in files]
     if largest is None:
-        raise InputError("--max-tension: robot files do not tell how far the rig may pull; give it, as 45N")
+        raise InputError("--max-tension: robot files do not say how far the rig may pull; give it, as 45N")
     models = []
     for path in paths:
         config = load_config(path)
@@ -113,7 +113,7 @@ def open_files(
         )
         if any(tendon.drive == "displacement" for tendon in model.robot.tendons):
             raise InputError(
-                f"{path}: displacement drives a tendon, and no recording tells how far; give the run "
+                f"{path}: displacement drives a tendon, and no recording shows how far; give the run "
                 "folder of a diagnosis or a fit"
             )
         models.append(model)
@@ -166,11 +166,9 @@ def _of_diagnosis(folder: Path, answer: Mapping[str, Any]) -> Opened:
     left_out = []
     if len(chosen) > MOST:
         names = ", ".join(_held(f) for f in chosen[MOST:])
-        left_out.append(
-            f"Of {len(chosen)} rivals the {MOST} most probable are planned with, without {names}."
-        )
+        left_out.append(f"The plan uses the {MOST} most probable of {len(chosen)} rivals, without {names}.")
     if several:
-        left_out.append(f"Numbers that differ between the recordings are those of {last}, the last one.")
+        left_out.append(f"Numbers that differ between the recordings are taken from {last}, the last one.")
     if not chosen:
         chosen = [next((f for f in files[::-1] if f["recording"] == last), files[0])]
     models = [_model(folder, f, path) for f in chosen[:MOST]]
@@ -224,7 +222,7 @@ def _of_fit(folder: Path, answer: Mapping[str, Any]) -> Opened:
     names, matrix = _shared(known["names"], np.asarray(known["matrix"], float), last)
     left_out = ()
     if len(names) < len(known["names"]):
-        left_out = (f"Numbers of which each recording has its own are those of {last}, the last one.",)
+        left_out = (f"Numbers that each recording has for itself are taken from {last}, the last one.",)
     free = [name.partition(OWN)[0] for name in answer["settings"]["free"]]
     model = open_model(
         "the fitted model",

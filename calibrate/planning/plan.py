@@ -163,7 +163,7 @@ def plan(
     if not opened.rivals:
         every = [c for c in every if c.weight is None]
     if not every:
-        raise InputError(f"{opened.source}: nothing was recorded that a new load history could be read by")
+        raise InputError(f"{opened.source}: nothing was recorded by which a new load history could be judged")
     groups = [list(g) for _, g in itertools.groupby(every, key=lambda c: (c.name, c.done))]
     progress(f"simulating {len(groups)} experiments under {len(models)} model{'s'[: len(models) - 1]}")
     trials = in_parallel(lambda group: _tried(opened, group), groups)
@@ -222,8 +222,8 @@ def _counted(opened: Opened, wanted: Sequence[str]) -> np.ndarray:
         return first.asked
     if opened.rivals:
         raise InputError(
-            f"--for: {opened.source} leaves open which of {len(opened.models)} models is right, and that is "
-            "planned for first; leave --for out, or give the robot file of one model"
+            f"--for: {opened.source} leaves open which of {len(opened.models)} models is right, which the "
+            "plan settles first; leave --for out, or give the robot file of one model"
         )
     names = [n.name for n in first.numbers]
     for name in wanted:

@@ -18,7 +18,7 @@ from .worth import pairs
 # Distance [standard errors] above which two models are told apart, and share of its present width to which an
 # interval must narrow for an experiment to be worth the work.
 TELLS, NARROWS = 3.0, 0.8
-# A standard deviation above this share of a number's value is no knowledge of it.
+# A standard deviation above this share of a number's value is not knowledge of it.
 UNKNOWN, NOT_KNOWN = 0.7, "unknown"
 
 
@@ -50,7 +50,7 @@ def _of_rivals(opened: Opened, ranked: Sequence[Ranked], nothing: bool) -> str:
         return (
             f"No experiment of the catalogue tells {every} apart: the best, {best.candidate.in_words}, holds "
             f"them {float(np.max(pairs(best.separation))):.1f} standard errors apart, where {TELLS:g} are "
-            "needed. More tension, a longer time, another instrument or a look at the rig itself may."
+            "needed. More tension, a longer time, another instrument or a look at the rig itself may help."
         )
     both = list(itertools.combinations(range(len(names)), 2))
     told = [best.separation[pair] for pair in both if best.separation[pair] > TELLS]
@@ -83,12 +83,12 @@ def _of_intervals(opened: Opened, best: Ranked, counts: np.ndarray, nothing: boo
         elif own:
             each.append(f"{n.name} to {then} (now {now})")
     if nothing:
-        bring = f"would bring {listed(each)}" if each else f"says nothing of {listed(silent, 'or')}"
+        bring = f"would bring {listed(each)}" if each else f"says nothing about {listed(silent, 'or')}"
         return (
             f"No experiment of the catalogue narrows an interval to {100 * NARROWS:.0f} % of its width: the "
             f"best, {best.candidate.in_words}, {bring}."
         )
-    beside = f" It says nothing of {listed(silent, 'or')}." if silent else ""
+    beside = f" It says nothing about {listed(silent, 'or')}." if silent else ""
     return f"{instruction(best.candidate)}: it would narrow {listed(each)}.{beside}"
 
 

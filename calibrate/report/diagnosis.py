@@ -265,7 +265,7 @@ def numbers_table(answer: Diagnosis) -> Table | None:
     ]
     heads = ("", "before", "after ± standard deviation", "95 %, averaged over models")
     note = (
-        "The last column counts rivals, each with its probability, and whichever one more effect may act "
+        "The last column includes the rivals, each weighed by its probability, and any one further effect "
         "that these recordings neither show nor exclude (below)."
     )
     return Table("Numbers", heads, rows, note=note)
@@ -299,21 +299,21 @@ def _tables(answer: Diagnosis) -> list[Table]:
                 ("part of the recording", "mean, standard errors", "share of the misfit"),
                 rows,
                 note="Of the best fit without anything missing. Refitting mu and E spreads a misfit over the "
-                "whole loop: look at what is missing before you believe a place.",
+                "whole loop: look at what is missing before you trust a place.",
             )
         )
     for title, stretches, note in (
         (
             "Episodes",
             [(f"{k}. {e.says}", f"{100 * e.share:.0f} %") for k, e in enumerate(answer.episodes, start=1)],
-            "Stretches of time in which the model that is shown and the recording part, by more than noise "
-            "and by more than elsewhere.",
+            "Stretches of time in which the model shown and the recording differ by more than the noise and "
+            "by more than elsewhere.",
         ),
         (
             "Left out",
             [(_stretch(e), in_unit(e.size, e.unit)) for e in answer.left_out],
-            "Simulated, so that the history goes on, and not compared; the second column is what simulation "
-            "and recording differ by there.",
+            "Simulated, so that the history continues, but not compared; the second column is the difference "
+            "between simulation and recording there.",
         ),
     ):
         if stretches:
@@ -324,8 +324,8 @@ def _tables(answer: Diagnosis) -> list[Table]:
         tables.append(numbers)
         rows = [(c.name, sources(c.made_of, NAMED)) for c in answer.parameters if c.made_of]
         note = (
-            "Shares of the variance. Names of numbers stand for what is known of them beforehand; what the "
-            "mesh and a law that is not quite right may do is counted too."
+            "Shares of the variance. The name of a number stands for what was known of it beforehand; errors "
+            "of the mesh and of a law that is not quite right are counted too."
         )
         tables.append(Table("What the standard deviations are made of", ("", "sources"), rows, note=note))
     unseen = [h for h in answer.hidden if h.probability > MAY_ACT][:SHOWN]
@@ -341,8 +341,9 @@ def _tables(answer: Diagnosis) -> list[Table]:
         ]
         heads = ("effect", "probability that it acts", "how large it may be (95 %)", "mu if it acts (95 %)")
         note = (
-            "Effects beside the model that is shown, with the sizes that these recordings and what is usual "
-            "allow; those that move mu most first."
+            "Effects beside the model shown, with the sizes that these recordings and the usual ranges "
+            "allow; "
+            "those that move mu most come first."
         )
         tables.append(Table("What may act unseen", heads, rows, note=note))
     if len(answer.held_out) > 1:
@@ -361,7 +362,7 @@ def _tables(answer: Diagnosis) -> list[Table]:
             parts = "every fourth of short pieces"
         note = (
             f"Held out in turn: {after['folds']:.0f} parts ({parts}); "
-            f"better with in {after['best_in']:.0f}, without in {before['best_in']:.0f}."
+            f"the model with it is better in {after['best_in']:.0f}, without it in {before['best_in']:.0f}."
         )
         tables.append(Table("On data the fit has not seen", ("", "without", "with"), rows, note=note))
     if answer.rivals:
@@ -387,7 +388,7 @@ def _tables(answer: Diagnosis) -> list[Table]:
             tables.append(Table("How to tell them apart", ("term", "what it is", "experiment"), told))
     if answer.strata:
         rows = [(part, measured(v, sd), number(own, digits=2)) for part, v, sd, own in answer.strata]
-        heads = ("part", "mu ± standard error", "of it the part's own")
+        heads = ("part", "mu ± standard error", "standard error from its own noise")
         note = (
             "All other numbers as fitted, nothing added. What is uncertain of them moves all parts together: "
             "to compare two parts, take the last column."

@@ -59,8 +59,8 @@ def _profile_figure(fit: FitResult) -> list[Figure]:
         Figure(
             "profiles",
             draw.plot_profiles(curves),
-            "Rise of the sum of squares as one parameter is held and the others are fitted anew. Where it "
-            "leaves the parabola of the standard error, believe the profile.",
+            "Rise of the sum of squares as one parameter is held and the others are fitted again. Where it "
+            "leaves the parabola of the standard error, trust the profile.",
         )
     ]
 
@@ -187,8 +187,8 @@ def _made_of(fit: FitResult) -> list[Table]:
     ]
     if carried:
         note = (
-            "Nobody asked for these: the robot file calls them uncertain, so they are fitted within what it "
-            "says of them. What is left of their uncertainty is in the intervals of the others."
+            "These were not asked for: the robot file calls them uncertain, so they are fitted within that "
+            "uncertainty. What is left of it is in the intervals of the others."
         )
         heads = ("parameter", "fitted ± standard error", "before", "note")
         tables.append(Table("Carried along", heads, carried, note=note))

@@ -116,7 +116,7 @@ def _figures(answer: Design, robot: Robot, run: Simulation, phases: np.ndarray) 
         Figure(
             "target",
             plot_targets(states, radius, pose[:, :2], phases, marks, near, cloud),
-            "The deformed shape at each target, the way of the tip through the whole pull and release "
+            "The deformed shape at each target, the path of the tip through the whole pull and release "
             "(coloured by phase), and what is wanted: crosses, arrows of the angle"
             + ("; dots, the tip at the edge of what is not known." if cloud is not None else ".")
             + others,
@@ -274,7 +274,7 @@ def _tables(answer: Design) -> list[Table]:
     tables.append(Table("Limits", ("", "value", "limit", "margin", "at s", ""), rows, note))
     if answer.binding:
         rows = [(b.says,) for b in answer.binding]
-        tables.append(Table("What the design leans on", ("",), rows))
+        tables.append(Table("What the design depends on", ("",), rows))
     if answer.relaxed:
         rows = [
             (
@@ -349,7 +349,7 @@ def _alternatives(answer: Design) -> Table:
         rows.append(tuple(row))
     robust = answer.problem.objective.spread != "nominal"
     if answer.verdict not in ("reached", "optimal"):
-        note = "None meets the targets within the limits; the nearest stands first."
+        note = "None meets the targets within the limits; the nearest comes first."
     elif answer.best.goal == answer.best.goal:
         note = "All keep the limits. The first, the one chosen, comes nearest to the goal."
     elif robust:

@@ -91,7 +91,7 @@ def tendons_playback(robot: Robot, ways: Sequence[Way]) -> Playback:
 
     Args:
         robot: the design.
-        ways: to the states that targets ask for; each starts at the preloads anew.
+        ways: to the states that targets ask for; each starts at the preloads again.
     """
     run, names = _one_after_another([way.run for way in ways]), robot.tendon_names
     step = Column("step", "", np.arange(1.0, len(run.time) + 1))

@@ -2,7 +2,7 @@
 # # Calibrate a rig
 #
 # A bench rig pulls a continuum manipulator by one tendon and records the tension at the base and at the tip. This notebook fits the friction
-# coefficient and the stiffness to two such recordings, looks at what the fit leaves, and takes the answer on as tables and datasets. The files lie in
+# coefficient and the stiffness to two such recordings, looks at what the fit leaves, and continues with the answer as tables and datasets. The files are in
 # `examples/rig`; [From a recording to an answer](../tutorial.md) does the same with commands.
 
 # %%
@@ -24,7 +24,7 @@ rig = examples / "rig"
 # %% [markdown]
 # ## The robot and its recordings
 #
-# The robot file says what its owner knows, and under `[uncertainty]` how well. A robot shows itself:
+# The robot file says what its owner knows, and under `[uncertainty]` how well. A robot displays itself:
 
 # %%
 robot = gtr.load_config(rig / "robot.toml")

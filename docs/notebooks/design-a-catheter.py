@@ -1,7 +1,7 @@
 # %% [markdown]
 # # Design a catheter
 #
-# A catheter shall place its tip, and keep its shape while it does. This notebook finds the routing of the tendon that takes the tip to a pose, shows how
+# A catheter has to place its tip, and keep its shape while it does. This notebook finds the routing of the tendon that takes the tip to a pose, shows how
 # exactly it must be made, and then follows a gradient of its own to an aim that no target file has.
 
 # %%
@@ -23,7 +23,7 @@ robot
 # %% [markdown]
 # ## The target
 #
-# The target file says where the tip shall be at which base tension, what may be searched, and what must hold: clearances, the channel's smallest radius
+# The target file says where the tip has to be at which base tension, what may be searched, and what must hold: clearances, the channel's smallest radius
 # of curvature, the share of the tension that friction may take.
 
 # %%
@@ -65,8 +65,8 @@ for name in ("r1", "r2", "w1", "w2"):
 # %% [markdown]
 # ## An aim of your own
 #
-# Friction makes the tip lag: on the way back it does not stand where it stood on the way out, at the same tension. Suppose that the procedure minds this
-# more than where exactly the tip ends. No target file can say so, but anything that can be computed from a simulation can be an aim, because all of it
+# Friction makes the tip lag: on the way back it is not where it was on the way out, at the same tension. Suppose that this matters more to the
+# procedure than where exactly the tip ends. No target file can say so, but anything that can be computed from a simulation can be an aim, because all of it
 # is differentiable. JAX gives the gradient through pull and release, and [optax](https://optax.readthedocs.io) follows it, within bounds that keep the
 # channel in the wall ([Gradients of your own](../gradients.md) tells more).
 
@@ -111,5 +111,5 @@ print("lag {:.2f} mm, miss {:.2f} mm, after 80 steps".format(*measure(x)))
 print(", ".join(f"{name} = {value:.2f} mm" for name, value in zip(names, x, strict=True)))
 
 # %% [markdown]
-# The lag falls by more than half for a miss of two millimetres; both offsets of the channel have become smaller. Limits that are not bounds of single numbers, such as the radius of curvature of the channel, belong into the aim as
+# The lag falls by more than half for a miss of two millimetres; both offsets of the channel have become smaller. Limits that are not bounds of single numbers, such as the radius of curvature of the channel, belong in the aim as
 # penalties; `gtr design` keeps those of the target file by itself.

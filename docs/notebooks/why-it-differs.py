@@ -2,8 +2,8 @@
 # # Why does my recording differ?
 #
 # A fit that leaves more than noise has left some physics out. This notebook makes a recording in which an effect is at work that the robot file does
-# not know, shows what a plain fit makes of it, asks which effect it is, and predicts the next experiment with the answer. In place of the made
-# recording put yours.
+# not know, shows what a plain fit makes of it, asks which effect it is, and predicts the next experiment with the answer. Put your recording in
+# place of the simulated one.
 
 # %%
 import tempfile
@@ -70,7 +70,7 @@ diagnosis
 diagnosis.to_pandas()[["before", "after", "sd", "lower95", "upper95", "unit"]]
 
 # %% [markdown]
-# The answer also says how probable each of the models is. Models of similar probability are rivals that the recording does not tell apart.
+# The answer also says how probable each of the models is. Models of similar probability are rivals that the recording cannot tell apart.
 
 # %%
 for model in diagnosis.rivals[:5]:

@@ -139,7 +139,7 @@ def fitted(free: tuple[str, ...], stretches: bool, without: tuple[str, ...] = ()
     return calibrate.fit(config, recording, free=free)
 
 
-def foretold(free: tuple[str, ...], stretches: bool) -> float:
+def held_out_error(free: tuple[str, ...], stretches: bool) -> float:
     """Root mean square distance [mm] of the eight holds, those of each level predicted from the others."""
     names = holds("train")[0]
     each = np.full((len(names), len(MARKERS)), np.nan)
@@ -250,7 +250,7 @@ def row(says: str, free: tuple[str, ...], stretches: bool) -> tuple[Any, list[st
     found = fitted(free, stretches)
     each = (
         rms(distances(found.robot, "train")),
-        foretold(free, stretches),
+        held_out_error(free, stretches),
         rms(distances(found.robot, "test")),
     )
     say("  {:.2f} mm trained, {:.2f} mm by level, {:.2f} mm held out".format(*each))

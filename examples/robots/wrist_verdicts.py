@@ -94,7 +94,7 @@ def settled(before: Mapping[str, float], remedies: Sequence[Remedy]) -> str:
         for wrist in before
     )
     if apart < SETTLED:
-        return f"{found} They differ by {apart:.2f}° at most: the recordings do not settle which it is."
+        return f"{found} They differ by {apart:.2f}° at most: the recordings cannot settle which it is."
     ranked = [min(remedies, key=lambda remedy: remedy.out[wrist]).what for wrist in before]
     if len(set(ranked)) == 1:
         return f"{found} The held-out trials of both are met best by {ranked[0]}."

@@ -140,7 +140,6 @@ def check_backbone(backbone: BackboneConfig) -> None:
         f"must lie above -1 and be at most 0.5, is {backbone.poissons_ratio:g}",
     )
     _check_modulus(backbone)
-    _require(backbone.density >= 0, "backbone.density", f"cannot be negative, is {backbone.density:g} kg/m^3")
     for key in ("natural_curvature", "natural_curvature_y", "natural_twist"):
         strain = getattr(backbone, key)
         if isinstance(strain, tuple):
@@ -219,8 +218,8 @@ def _check_stiffness(table: str, bending: Any, torsion: Any, length: float) -> N
 
 
 def _check_factor(backbone: BackboneConfig) -> None:
-    factor, key = backbone.stiffness_factor, "backbone.stiffness_factor"
-    if factor is None:
+    key = "backbone.stiffness_factor"
+    if backbone.stiffness_factor is None:
         return
     _require(not backbone.rigid, key, "has no effect on a backbone with rigid = true; remove it")
     _require(
@@ -228,7 +227,6 @@ def _check_factor(backbone: BackboneConfig) -> None:
         key,
         "one number gives the stiffness of this body; change that number and leave stiffness_factor out",
     )
-    _require(factor > 0, key, f"must be positive, is {factor:g}")
 
 
 def _check_pieces(backbone: BackboneConfig) -> None:
@@ -238,18 +236,12 @@ def _check_pieces(backbone: BackboneConfig) -> None:
         _require(
             any(value is not None for value in own),
             key,
-            "differs in nothing; give outer_radius, youngs_modulus or bending_stiffness",
+            "changes nothing; give outer_radius, youngs_modulus or bending_stiffness",
         )
         for radius in piece.outer_radius or ():
             _check_length(radius, f"{key}.outer_radius")
-        modulus = piece.youngs_modulus
         _require(
-            modulus is None or modulus > 0,
-            f"{key}.youngs_modulus",
-            f"must be positive, is {modulus or 0:g} Pa",
-        )
-        _require(
-            modulus is None or piece.bending_stiffness is None,
+            piece.youngs_modulus is None or piece.bending_stiffness is None,
             f"{key}.youngs_modulus",
             "has no effect beside bending_stiffness; remove one of the two",
         )
@@ -273,7 +265,7 @@ def _check_stretches(table: str, stretches: Sequence[Any], length: float) -> Non
         _require(
             start >= end - _NEAR * length,
             f"backbone.{table}[{j}]",
-            f"starts at {mm(start)}, before {table}[{i}] ends at {mm(end)}; part the two",
+            f"starts at {mm(start)}, before {table}[{i}] ends at {mm(end)}; separate the two",
         )
 
 
@@ -283,12 +275,6 @@ def _check_length(length: float, key: str) -> None:
 
 
 def _check_bores(backbone: BackboneConfig) -> None:
-    for i, bore in enumerate(backbone.bores):
-        _require(
-            bore.diameter > 0,
-            f"backbone.bores[{i}].diameter",
-            f"must be positive, is {bore.diameter:g} m",
-        )
     _check_stretches("bores", backbone.bores, backbone.length)
     for i, bore in enumerate(backbone.bores):
         steps = [end for piece in backbone.sections for end in (piece.from_, piece.to)]
@@ -350,7 +336,6 @@ def _check_axial(backbone: BackboneConfig) -> None:
     stiffness = backbone.axial_stiffness
     key = "backbone.extensible" if stiffness is None else "backbone.axial_stiffness"
     _require(not (backbone.stretches and backbone.rigid), key, "has no effect on a body with rigid = true")
-    _require(stiffness is None or stiffness > 0, key, f"must be positive, is {stiffness or 0:g} N")
     moduli = backbone.bending_stiffness is None and all(
         p.bending_stiffness is None for p in backbone.sections
     )
@@ -373,7 +358,6 @@ def _check_notches(backbone: BackboneConfig) -> None:
             "needs the stiffness of its section; give youngs_modulus instead of bending_stiffness",
         )
         _check_length(row.height, f"{key}.height")
-        _require(row.spacing >= 0, f"{key}.spacing", f"cannot be negative, is {mm(row.spacing)}")
         _require(
             row.height + row.end_correction > 0.05 * row.height,
             f"{key}.end_correction",
@@ -472,7 +456,6 @@ def _check_loads(loads: LoadsConfig, backbone: BackboneConfig) -> None:
         "backbone",
         f"missing key 'density', which {key} needs; add for example density = \"1070 kg/m^3\"",
     )
-    _require(loads.payload >= 0, "loads.payload", f"cannot be negative, is {loads.payload:g} kg")
     _require(
         loads.payload == 0 or weighs,
         "loads.payload",

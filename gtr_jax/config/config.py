@@ -102,7 +102,7 @@ class RobotConfig(RobotTables):
                     f"uncertainty.{key}: must be positive, is {deviation}; remove it if known exactly"
                 )
             if path in resolved:
-                raise InputError(f"uncertainty.{key}: {path} stands twice; keep one")
+                raise InputError(f"uncertainty.{key}: {path} is given twice; remove one")
             resolved[path] = deviation
         return resolved
 
@@ -114,7 +114,7 @@ class RobotConfig(RobotTables):
         return next((si for si, d in DIMENSIONS.items() if shown in (d.display, si)), shown)
 
     def without_deviations(self, keys: Iterable[str]) -> RobotConfig:
-        """A copy in which [uncertainty] says nothing of some numbers, by dotted key."""
+        """A copy in which [uncertainty] says nothing about some numbers, by dotted key."""
         gone = set(keys)
         left = {key: said for key, said in self.uncertainty.items() if key not in gone}
         return self.model_copy(update={"uncertainty": left})

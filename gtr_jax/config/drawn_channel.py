@@ -129,8 +129,7 @@ def knots_of(
     back = np.flatnonzero(np.diff(s) <= 0)
     if back.size:
         raise InputError(
-            f"{place}: the line turns back at s = {_mm(float(s[back[0]]))}; a channel leads on from base to "
-            "tip"
+            f"{place}: the line turns back at s = {_mm(float(s[back[0]]))}; a channel runs from base to tip"
         )
     length = float(midline.s[-1])
     whole_body = end is None or end == length

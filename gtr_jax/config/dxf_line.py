@@ -42,7 +42,7 @@ def read_line(path: Path, *, layer: str | None = None, unit: str | None = None) 
 
     Raises:
         InputError: no DXF, no unit or two, no such layer, no line on it, several that do not join, or a
-            coordinate that is no finite number.
+            coordinate that is not a finite number.
     """
     document = _document(path)
     scale = _metres(path, document, unit)
@@ -68,7 +68,7 @@ def read_line(path: Path, *, layer: str | None = None, unit: str | None = None) 
         raise InputError(f"{path}: no line on a layer '{layer}'; layers with lines: {listed(layers)}")
     place = f"{path}: layer {layer}"
     if not all(np.all(np.isfinite(points)) for points, _ in own):
-        raise InputError(f"{place}: a coordinate of its lines is no finite number; draw the line anew")
+        raise InputError(f"{place}: a coordinate of its lines is not a finite number; draw the line again")
     measured = all(straight for _, straight in own)
     points = _chained(
         place, [scale * (points if measured or not straight else _dense(points)) for points, straight in own]
@@ -83,7 +83,9 @@ def _document(path: Path) -> Any:
     try:
         return filemanagement.readfile(path)
     except Exception as fault:  # a damaged drawing breaks ezdxf in many ways
-        raise InputError(f"{path}: not a whole DXF drawing ({reason(fault)}); save it again as DXF") from None
+        raise InputError(
+            f"{path}: not a complete DXF drawing ({reason(fault)}); save it again as DXF"
+        ) from None
 
 
 def _metres(path: Path, document: Any, unit: str | None) -> float:
@@ -116,7 +118,7 @@ def _entities(container: Any, layer: str | None = None, depth: int = 0) -> Itera
 
 def _sampled(entity: Any) -> tuple[np.ndarray, bool] | None:
     """Places along an entity in the unit of the drawing, (N, 3), and whether it is straight between them;
-    None of one that is no line.
+    None of one that is not a line.
     """
     kind = entity.dxftype()
     if kind == "LINE":

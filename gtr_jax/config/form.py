@@ -29,7 +29,7 @@ _SAYS = {
 
 
 def check_keys(section: type[BaseModel], data: Any) -> None:
-    """Refuse a section that is no table, has a key it does not know, or lacks one it needs."""
+    """Refuse a section that is not a table, has a key it does not know, or lacks one it needs."""
     if not isinstance(data, Mapping):
         raise InputError(f"expected a table of keys and values, found {_found(data)}")
     keys = {field.alias or name: field for name, field in section.model_fields.items()}
@@ -73,6 +73,9 @@ def one_line(error: ValidationError, kinds: Mapping[str, Collection[str]]) -> st
         says = f"missing key 'kind'; one of {', '.join(kinds.get(str(fault['loc'][-1]), ()))}"
     elif fault["type"] == "literal_error":
         says = f"expected {context['expected']}, found {_found(fault['input'])}"
+    elif 0 in (context.get("gt"), context.get("ge")):
+        bound = "must be positive" if "gt" in context else "cannot be negative"
+        says = f"{bound}, is {excerpt(fault['input'])}"
     else:
         says = f"{_SAYS.get(fault['type'], fault['msg'])}, found {_found(fault['input'])}"
     more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
@@ -141,7 +144,7 @@ def check_strings(data: Mapping[str, Any]) -> None:
                 "and no digit first"
             )
         if name is not None and name in names[:i]:
-            raise InputError(f"tendons[{i}].name: '{name}' stands twice; give each tendon its own name")
+            raise InputError(f"tendons[{i}].name: '{name}' is given twice; give each tendon its own name")
 
 
 def _unknown_term(kind: object, known: Iterable[str]) -> str:
@@ -150,7 +153,7 @@ def _unknown_term(kind: object, known: Iterable[str]) -> str:
 
 
 def check_terms(data: Mapping[str, Any], known: Iterable[str]) -> None:
-    """Refuse terms that are no tables, have no kind or an unknown one, or stand twice.
+    """Refuse terms that are not tables, have no kind or an unknown one, or are given twice.
 
     Args:
         data: the robot file.
@@ -172,8 +175,8 @@ def check_terms(data: Mapping[str, Any], known: Iterable[str]) -> None:
         tendon = term.get("tendon") if isinstance(term, Mapping) else getattr(term, "tendon", None)
         before = seen.setdefault(str(name), [])
         if tendon in before or (before and (tendon is None or None in before or kind == LAW)):
-            key, remedy = ("name", "give each law its own name") if kind == LAW else ("kind", "keep one")
+            key, remedy = ("name", "give each law its own name") if kind == LAW else ("kind", "remove one")
             if kind != LAW and (tendon is not None or None not in before):
                 remedy = f"{remedy}, or give each a tendon of its own"
-            raise InputError(f"terms[{i}].{key}: '{excerpt(name)}' stands twice; {remedy}")
+            raise InputError(f"terms[{i}].{key}: '{excerpt(name)}' is given twice; {remedy}")
         before.append(tendon)

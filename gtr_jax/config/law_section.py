@@ -123,7 +123,7 @@ class LawSection(TermSection):
         """Everything in SI, with the unit, usual range and bounds of every parameter."""
         name = data.get("name", "law")
         if isinstance(name, str) and (name in REGISTRY or not _NAME.fullmatch(name)):
-            known = "is a term of the catalogue" if name in REGISTRY else "is no name of a law"
+            known = "is a term of the catalogue" if name in REGISTRY else "is not a valid name of a law"
             raise InputError(
                 f"name: '{excerpt(name)}' {known}; take small letters, digits and -, and a letter first"
             )
@@ -224,7 +224,7 @@ def _range(key: str, pair: Any, unit: str) -> tuple[float, float]:
         except InputError as fault:
             raise InputError(f"{key}: {fault}") from None
     if not ends[0] < ends[1]:
-        raise InputError(f"{key}: the first value must be below the second; exchange them")
+        raise InputError(f"{key}: the first value must be below the second; swap them")
     return ends[0], ends[1]
 
 

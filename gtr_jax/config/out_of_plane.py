@@ -13,7 +13,7 @@ from .routings import SPATIAL
 
 def out_of_plane(config: RobotTables) -> str | None:
     """The first key, dotted, by which a robot leaves its plane; None if it stays in it."""
-    return next((key for key, leaves in _ways(config) if leaves), None)
+    return next((key for key, out in _ways(config) if out), None)
 
 
 def _ways(config: RobotTables) -> Iterator[tuple[str, bool]]:

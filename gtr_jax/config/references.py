@@ -39,8 +39,8 @@ def referenced(name: str, folder: Path, where: str) -> Path:
         folder: of the file that names it.
         where: that file and the key, for errors; "" where whoever calls adds it.
 
-    Raises InputError, of a file outside these folders, of what is no regular file, and of one that is larger
-    than `LARGEST`. An absent file is left to whoever reads it.
+    Raises InputError, of a file outside these folders, of what is not a regular file, and of one that is
+    larger than `LARGEST`. An absent file is left to whoever reads it.
     """
     place = f"{where}: " if where else ""
     path, stated = folder / name, os.environ.get(VARIABLE)

@@ -78,7 +78,7 @@ def _statements(node: ast.AST) -> list[ast.stmt]:
 
 
 def json_schema() -> dict[str, Any]:
-    """JSON Schema of the robot file, with which editors complete and check it."""
+    """JSON Schema of the robot file, with which editors complete and check such files."""
     schema = RobotConfig.model_json_schema(by_alias=True, schema_generator=Described)
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, StrictStr, ValidationInfo, model_validator
+from pydantic import BaseModel, ConfigDict, Field, StrictStr, ValidationInfo, model_validator
 
 from gtr_jax.units import Unit
 
@@ -23,6 +23,7 @@ Mass = Annotated[float, Unit("kg")]
 Ratio = Annotated[float, Unit("dimensionless")]
 BendingStiffness = Annotated[float, Unit("N m^2")]
 Acceleration = Annotated[float, Unit("m/s^2")]
+POSITIVE, NOT_NEGATIVE = Field(gt=0), Field(ge=0)  # bounds of the file's own numbers; `form` says them
 
 
 class Section(BaseModel):

@@ -36,6 +36,8 @@ from .law_section import LawSection
 from .references import referenced
 from .routings import ROUTINGS, RoutingConfig
 from .section import (
+    NOT_NEGATIVE,
+    POSITIVE,
     Acceleration,
     Angle,
     BendingStiffness,
@@ -119,7 +121,7 @@ class BoreConfig(Section):
     """Arc length [m] where the bore begins."""
     to: Length = Field(examples=["20 mm"])
     """Arc length [m] where the bore ends."""
-    diameter: Length = Field(examples=["14 mm"])
+    diameter: Annotated[Length, POSITIVE] = Field(examples=["14 mm"])
     """Diameter [m] of the concentric bore."""
 
 
@@ -176,7 +178,7 @@ class PieceConfig(Section):
         | None
     ) = None
     """Outer radius [m] at its beginning and its end, linear between; one value for both."""
-    youngs_modulus: Modulus | None = None
+    youngs_modulus: Annotated[Modulus, POSITIVE] | None = None
     """Young's modulus [Pa]."""
     bending_stiffness: Annotated[_Constant | _Pair, Discriminator(_kind)] | None = None
     """EI [N m^2] instead of modulus and radius: one number, or two, about y and about z."""
@@ -199,7 +201,7 @@ class NotchesConfig(Section):
     """Depth [m] of each from the outside; more than the outer radius, less than the diameter."""
     count: Annotated[StrictInt, Field(ge=1, le=MOST_NOTCHES)] = 1
     """How many there are."""
-    spacing: Length = 0.0
+    spacing: Annotated[Length, NOT_NEGATIVE] = 0.0
     """Uncut length [m] between two."""
     side: Literal["left", "right"] = "left"
     """Side of the body that is cut."""
@@ -289,7 +291,7 @@ class BackboneConfig(Section):
     """Concentric bores, which do not overlap."""
     youngs_modulus: Modulus = 0.0
     """Young's modulus [Pa]; needed unless the backbone is rigid or has a bending_stiffness."""
-    density: Density = 0.0
+    density: Annotated[Density, NOT_NEGATIVE] = 0.0
     """Density [kg/m^3]; needed with gravity."""
     natural_curvature: AlongBody = 0.0
     """Curvature [rad/m] of the unloaded backbone: a constant, or [s, curvature] pairs from base to tip."""
@@ -306,7 +308,7 @@ class BackboneConfig(Section):
     torsional_stiffness: Torsion | None = None
     """GJ [N m^2], one number or [s, GJ] pairs from base to tip; absent: that of a round section,
     EI/(1 + poissons_ratio)."""
-    stiffness_factor: Ratio | None = None
+    stiffness_factor: Annotated[Ratio, POSITIVE] | None = None
     """Factor on the stiffness of a body that several numbers give, by rows or by sections with their own; 1
     unless given."""
     section: SectionShape | None = None
@@ -317,7 +319,7 @@ class BackboneConfig(Section):
     """Rows of notches, which do not overlap."""
     extensible: StrictBool = False
     """Whether forces along the body stretch and shorten it, by its modulus and section."""
-    axial_stiffness: Force | None = None
+    axial_stiffness: Annotated[Force, POSITIVE] | None = None
     """EA [N] of a body that stretches, instead of modulus and section."""
     rigid: StrictBool = False
     """Whether the backbone keeps its natural shape (a sheath), so that only friction acts."""
@@ -391,7 +393,7 @@ class LoadsConfig(Section):
         Discriminator(_turns),
     ] = 0.0
     """Moment [N m] on the tip, anticlockwise in the plane, or about x, y and z."""
-    payload: Mass = 0.0
+    payload: Annotated[Mass, NOT_NEGATIVE] = 0.0
     """Mass [kg] at the tip; weighs along gravity."""
 
 

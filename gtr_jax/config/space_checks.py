@@ -27,8 +27,8 @@ def check_space(config: RobotTables, leaves_plane: str | None) -> None:
     turned = float(np.linalg.norm(config.base.rotation))
     if turned > 2 * np.pi * (1 + _NEAR):
         raise InputError(
-            f"base.rotation: a rotation vector of {np.degrees(turned):.4g} deg is no rotation that is "
-            "meant; give the axis times the angle, 360 deg at most"
+            f"base.rotation: a rotation vector of {np.degrees(turned):.4g} deg is more than a full "
+            "turn; give the axis times the angle, at most 360 deg"
         )
     stretching = {term.kind for term in config.terms if getattr(term, "compliance", 0.0)}
     for name, tendon, _ in config.strung:

@@ -209,7 +209,7 @@ def _late(delay: Delay, cells: tuple[Cell, Cell], cycles: Cycles) -> Iterator[Fi
     fast = cycles.rates_N_per_s["95%"]
     error = abs(delay.seconds) * fast
     if abs(delay.seconds) <= SURE * delay.sd_s:
-        yield Finding(FINE, f"{says}, which may be nothing.")
+        yield Finding(FINE, f"{says}, which is not significant.")
         return
     worst = error > SEEN * cells[1].noise.total_N and error > WORTH * cells[1].highest_N
     yield Finding(
@@ -229,7 +229,7 @@ def _branches(phases: Phases, cycles: Cycles) -> Iterator[Finding]:
             yield Finding(
                 severity,
                 f"The tendon never slips on {name}.",
-                f"{name.capitalize()} farther, or sample faster: friction is told from slip both ways.",
+                f"{name.capitalize()} farther, or sample faster: friction is determined from slip both ways.",
             )
 
 
@@ -321,8 +321,8 @@ def _level(friction: Friction) -> Iterator[Finding]:
                 f"T_tip/T_base on the pull goes from {number(low, digits=2)} to {number(high, digits=2)} as "
                 "the tension rises; with one coefficient of friction, in a channel whose shape does not "
                 "change, it would be the same at every tension.",
-                "Bending of the robot, a zero of a cell, or friction that depends on load does that; compare "
-                "with a simulation.",
+                "Bending of the robot, a zero of a cell, or friction that depends on load can cause that; "
+                "compare with a simulation.",
             )
 
 
@@ -331,12 +331,12 @@ def _friction(friction: Friction) -> Iterator[Finding]:
         return
     theta = measured(friction.mu_theta, friction.mu_theta_sd)
     if friction.symmetric:
-        yield Finding(FINE, f"Apparent friction mu·theta is {theta}, alike on pull and release.")
+        yield Finding(FINE, f"Apparent friction mu·theta is {theta}, the same on pull and release.")
         return
     yield Finding(
         NOTE,
-        f"Friction is not alike on pull and release: half the sum of ln(T_tip/T_base) is "
+        f"Friction is not the same on pull and release: half the sum of ln(T_tip/T_base) is "
         f"{measured(friction.both, friction.both_sd)}, half the difference, mu·theta, {theta}.",
-        "A gain or zero of a cell, friction that differs by direction, or bending does that; swap the cells "
-        "to tell.",
+        "A gain or zero of a cell, friction that differs by direction, or bending can cause that; swap the "
+        "cells to find out.",
     )

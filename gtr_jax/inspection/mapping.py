@@ -136,5 +136,5 @@ def _doubts(table: Table, taken: tuple[Taken, ...], unused: tuple[str, ...]) -> 
             doubt += f": its peak is then {_newtons(peak, t.unit)}, and would be {' and '.join(sizes)}"
         doubts.append(doubt + ".")
     if doubts and unused:
-        doubts.append(f"Columns of no use: {listed(unused)}.")
+        doubts.append(f"Unused columns: {listed(unused)}.")
     return doubts

@@ -95,13 +95,14 @@ class Memory(eqx.Module):
 
 
 class Sliding(NamedTuple):
-    """What is foretold of the slip in a load step (`sliding.predicted_slip`).
+    """What is predicted of the slip in a load step (`sliding.predicted_slip`).
 
     Attributes:
         way: how far friction is mobilised by the slip past the interval ahead of each node, (N,): 1 wholly,
             by slip towards the base, -1 towards the tip, between them where the slip turns round.
-        sure: whether it is, (N,): 1 where the tendon slips, 0 where it is held or where nothing is foretold,
-            between them where it is foretold to slip, and its tension to change, by next to nothing.
+        confidence: whether it is, (N,): 1 where the tendon slips, 0 where it is held or where nothing is
+            predicted, between them where it is predicted to slip, and its tension to change, by next to
+            nothing.
     """
 
     way: Float[Array, " N"]
@@ -136,7 +137,7 @@ class Case(eqx.Module):
         metric: nu of the channels before the first load, (N, *tendons); None where no slip is needed.
         load: the load.
         memory: of the previous step.
-        sliding: what is foretold of the slip in the step; None where no law asks.
+        sliding: what is predicted of the slip in the step; None where no law asks.
         grip: how friction grips tendons that share their slip, which is unknown; None of others.
         against: factor on the speed where the tendon slips opposite to the sense for which friction is
             evaluated: 1 at the solution, less on the way to it.

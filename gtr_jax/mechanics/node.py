@@ -13,7 +13,7 @@ creep of the body bends the held stretch, it is *carried along*: (1 + level) T_b
 the level at which the channel there is as long as the tendon in it (docs/mechanics.md).
 
 *Creeping*, where friction goes on changing while the tendon is locked: the same, with P and Q computed from
-the tension at the preceding node. Where friction grows with the speed, and the tendon is foretold to slip on
+the tension at the preceding node. Where friction grows with the speed, and the tendon is predicted to slip on
 after its base tension has turned back (`sliding`), T is P or Q, whatever it was before.
 
 *Presliding*: friction follows the slip, u(s) = u(0) - integral over [0, s] of (nu_0 - nu + nu_0
@@ -272,7 +272,7 @@ class Equations(eqx.Module):
         if case.structure.has("by_speed"):
             # The coefficient depends on the magnitude of the slip speed v. The branch of |v| on which the
             # tendon slips opposite to `sense` has to be approached from the other branch (`Case.against`),
-            # unless the way it slips is foretold.
+            # unless the way it slips is predicted.
             fast = jnp.where(speed * sense >= -STILL, speed, -case.against * speed)
             known = (
                 self.modes.by_slip

@@ -38,7 +38,7 @@ STRAIGHT = 1e-4  # h sqrt(T/EI) below which a tendon does not bend a segment
 LEAST_STIFF = 0.05  # least sin x/x with which a chord is corrected
 FINER = 4  # factor on the number of parts of a load step that could not be solved
 MOST_GRIPS = 64  # most steps of the search for the grip of several tendons, for a part of the load step
-MOST_SLIDING = 4  # most parts in which a step is tried as foretold
+MOST_SLIDING = 4  # most parts in which a step is tried as predicted
 
 
 class EquilibriumSearch(eqx.Module):
@@ -56,7 +56,7 @@ class EquilibriumSearch(eqx.Module):
         parts, part: number of parts of the load step, and how many of them are done.
         damped: whether Newton's steps are damped.
         solved: whether the last part is solved.
-        told: whether the tendon slips as foretold, `Case.sliding`, or is held where its tension may stay.
+        told: whether the tendon slips as predicted, `Case.sliding`, or is held where its tension may stay.
     """
 
     trial: Float[Array, " n"]
@@ -184,8 +184,8 @@ def case_at(case: Case, aim: Float[Array, ""]) -> Case:
 class Found(NamedTuple):
     """A solved load step: the unknowns at the base, (n,), curvature [1/m], (N,), the last pass, the largest
     residual, the number of marches, the slopes of the chords of guided tendons, None without any, whether
-    the tendon slips as foretold, None where nothing is, and how friction grips tendons that share their slip,
-    None of others.
+    the tendon slips as predicted, None where nothing is, and how friction grips tendons that share their
+    slip, None of others.
     """
 
     unknowns: Float[Array, " n"]
@@ -204,7 +204,7 @@ def with_slopes(case: Case, slopes) -> Case:
 
 
 def with_sliding(case: Case, told: Bool[Array, ""] | None) -> Case:
-    """The load step in which the tendon slips as foretold; as if nothing were foretold unless `told`."""
+    """The load step in which the tendon slips as predicted; as if nothing were predicted unless `told`."""
     if case.sliding is None or told is None:
         return case
     return eqx.tree_at(lambda c: c.sliding.confidence, case, jnp.where(told, case.sliding.confidence, 0.0))

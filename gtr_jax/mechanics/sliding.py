@@ -3,7 +3,7 @@
 Where the base tension turns back, the tendon beyond goes on slipping for a while: the friction that its speed
 added falls, and the tension that this friction held flows apart. Tension then falls at points that slip
 towards the base, and friction holds less there than a held point could. That a point's tension may stay,
-because friction could hold it, says nothing: the slip decides. So the slip is foretold, and the equations of
+because friction could hold it, says nothing: the slip decides. So the slip is predicted, and the equations of
 a node (`node.Equations`) take friction as whole wherever the tendon is told to slip.
 
 With the compliance c = (strain per tension) + b^2/EI of the shape before the step, the slip u(s) in it, its
@@ -43,14 +43,14 @@ ITERATIONS, FARTHEST, NARROWER, NARROWEST, NEAR = 120, 1.0, 0.5, 1e-6, 1e-2
 # Least compliance of a node, of the whole one, and least resistance to slip, in place of none.
 LIGHT, EASY = 1e-9, 1e-6
 WHOLE = 4.0  # widths of slip at which friction is whole
-# Share of sliding friction that speed has to add in the step before; with less, nothing is foretold. Shares
-# of itself by which a tension that is foretold to change begins to give way, and is as foretold.
+# Share of sliding friction that speed has to add in the step before; with less, nothing is predicted. Shares
+# of itself by which a tension that is predicted to change begins to give way, and is as predicted.
 FAINT, CLEAR, SURE = 1e-4, 1e-5, 1e-4
 SETTLED, EXACT = 1e-5, 1e-12  # last step of ln T: above the first nothing is known, below the second it ends
 
 
 def predicted_slip(case: Case, load: Load, memory: Memory) -> Sliding:
-    """What is foretold of the slip of one tendon in a load step: nothing unless the base tension turns back
+    """What is predicted of the slip of one tendon in a load step: nothing unless the base tension turns back
     while the tendon slips.
 
     Args:

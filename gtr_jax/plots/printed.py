@@ -1,6 +1,6 @@
 """Figures for papers: at the widths of journal columns, with letters of 8 pt that stay letters.
 
-Figures are drawn for reports, with letters of 10 pt. For print they are drawn anew, less wide, and the whole
+Figures are drawn for reports, with letters of 10 pt. For print they are drawn again, less wide, and the whole
 is scaled down, so that lines and marks keep their proportion to the letters.
 """
 

@@ -69,7 +69,7 @@ def column_width() -> float:
 
 
 def drawn_again(fig: Figure, wide: float) -> Figure:
-    """A figure that a styled function drew, drawn anew with columns of another width [inches]."""
+    """A figure that a styled function drew, drawn again with columns of another width [inches]."""
     token = _width.set(wide)
     try:
         return _again[fig]()

@@ -36,7 +36,7 @@ from .formats.sheet import Table
 _NUMBER = r"[+\-−]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _TERM = rf"(?:\s*(?P<{{0}}>[+\-−])\s*(?P<{{1}}>{_NUMBER}))"
 _UNIT = r"(?:\s*\[(?P<{0}>[^\[\]]*)\])?"
-# raw*0.00981[N]-1.2, (raw-84213)/420.5[gf]: the unit is that of the result, before or behind the last term.
+# raw*0.00981[N]-1.2, (raw-84213)/420.5[gf]: the unit is that of the result, before or after the last term.
 _CONVERTED = re.compile(
     rf"(?:\((?P<inner>.+?){_TERM.format('tare_sign', 'tare')}\s*\)|(?P<plain>.+?))"
     rf"\s*(?P<by>[*/])\s*(?P<factor>{_NUMBER}){_UNIT.format('unit')}"
@@ -204,7 +204,7 @@ def mapped(
         tendons: names of several tendons.
 
     Raises InputError naming the table, the mapping and the entry: an unknown quantity or column, or one that
-    stands twice.
+    is given twice.
     """
     place = f"{table.path}: {columns.place}"
     chosen: dict[str, Source] = {}
@@ -222,11 +222,11 @@ def mapped(
         if quantity not in wanted:
             raise InputError(f"{place}: unknown quantity '{name}'; {did_you_mean(name, wanted)}")
         if quantity in chosen:
-            raise InputError(f"{place}: {quantity} is mapped twice; keep one")
+            raise InputError(f"{place}: {quantity} is mapped twice; remove one")
         source = _source(table, text, column_of(wanted[quantity][0]).unit, place, quantity)
         header = table.header[source.index]
         if table.header.count(header) > 1:
-            raise InputError(f"{place}: column '{header}' stands twice in the header; rename one")
+            raise InputError(f"{place}: column '{header}' is in the header twice; rename one")
         other = next((q for q, own in chosen.items() if own.index == source.index), None)
         if other is not None:
             raise InputError(

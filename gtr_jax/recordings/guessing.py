@@ -33,7 +33,7 @@ from .formats.sheet import Table
 HEADER, UNITS, NAME, SIZE, NOTHING = "header", "row of units", "name", "size", "nothing"
 _SURE = (HEADER, UNITS)
 _TOGETHER = 0.5  # correlation of two columns from which they may be both ends of one tendon
-_TAILS = (0.5, 99.5)  # percentiles between which a column is looked at: a glitch is no size
+_TAILS = (0.5, 99.5)  # percentiles between which a column is looked at: a glitch is not a size
 _LOOKED_AT = 20_000  # samples of a column that are looked at
 
 
@@ -48,7 +48,7 @@ class Guessed:
         found: why this column: "header" (it names the quantity), "name" (its words suggest it), or "size".
         unit_found: why this unit: "header", "row of units", "name" (a word for it, as kg), "size", or
             "nothing", where it is taken as SI.
-        notes: what to know before using it, as that counts are no force.
+        notes: what to know before using it, as that counts are not a force.
     """
 
     quantity: str
@@ -184,7 +184,7 @@ def _counts(table: Table, index: int) -> bool:
 
 
 def _clock(table: Table, numbers: Mapping[int, np.ndarray]) -> int | None:
-    """The one column that only rises, or repeats its stamps, and is no number of the sample."""
+    """The one column that only rises, or repeats its stamps, and is not a number of the sample."""
     rising = [
         i
         for i, x in numbers.items()
@@ -228,7 +228,7 @@ def _ends(
 
 
 def _pulls(x: np.ndarray, *, said: bool) -> bool:
-    """Whether numbers may be tensions: above zero they reach farther than below, and they are no clock,
+    """Whether numbers may be tensions: above zero they reach farther than below, and they are not a clock,
     unless their header has `said` that they are forces, which a steady pull raises as evenly.
     """
     low, high = np.nanpercentile(x, [_TAILS[0], _TAILS[1]])
@@ -288,7 +288,7 @@ def _with_unit(table: Table, key: str, index: int, why: str) -> Guessed:
 
 
 def _uncalibrated(key: str, header: str, unit: str) -> str:
-    """What to do about a column in a unit that is no force's."""
+    """What to do about a column in a unit that is not a force's."""
     bare = split_unit(header, "N")[0] if header.endswith(")") else header
     return (
         f"'{header}' holds {RAW[unit.lower()]}, no force: calibrate the cell and say how it is converted, "

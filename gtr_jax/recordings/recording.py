@@ -7,9 +7,7 @@ with the row number that an editor shows. What a file may look like is in `table
 
 from __future__ import annotations
 
-import csv
 import functools
-import io
 import math
 import os
 from collections.abc import Iterable, Mapping, Sequence, Set
@@ -24,8 +22,8 @@ from gtr_jax.errors import InputError
 
 from .cleaning.masking import Masked, masks
 from .columns import Columns, Source, mapped, read_columns
+from .formats.csv_writing import csv_of
 from .formats.headers import meant_column, missing, recognised, unit_remedy, unread
-from .formats.large_csv import large_text
 from .formats.quantities import (
     COLUMNS,
     DRIVES,
@@ -56,8 +54,6 @@ OTHERWISE = "record the pose of the tip (tip_x_m, ...), markers of the robot fil
 """What a recording may be compared by in place of a tip tension: where displacement drives, and else."""
 SAMPLE = "sample"
 """Dimension of recordings as tables and datasets."""
-LARGE = 50_000
-"""Rows from which on polars writes a recording."""
 MOST_ABSENT = 0.05
 """Share of the cells of a column that may be without a number; their rows are left out."""
 
@@ -165,9 +161,9 @@ def read_recording(
     long as these are no more than MOST_ABSENT of a column.
 
     Raises InputError naming file, row, column and remedy: see `read_table`; missing or doubtful columns,
-    unknown units, cells that are no number, stretches that cannot be read or hold no sample, and, in what is
-    left: time going backwards, tensions of reversed sign, and a tip tension that peaks more than SWAP_FACTOR
-    above the base's. Small negative readings are noise and kept.
+    unknown units, cells that are not a number, stretches that cannot be read or hold no sample, and, in what
+    is left: time going backwards, tensions of reversed sign, and a tip tension that peaks more than
+    SWAP_FACTOR above the base's. Small negative readings are noise and kept.
     """
     table = path if isinstance(path, Table) else read_table(path)
     said = None if columns is None else read_columns(columns, f"{table.path}: ")
@@ -285,7 +281,7 @@ def _by_quantity(data: Mapping[str, np.ndarray], tendons: Sequence[str]) -> dict
 
 
 def _unit_quaternion(path: Path, rows: np.ndarray, data: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """The columns of the tip's orientation, scaled to length one; InputError if they are no rotation."""
+    """The columns of the tip's orientation, scaled to length one; InputError if they are not a rotation."""
     if QUATERNION[0] not in data:
         return {}
     size = np.linalg.norm([data[name] for name in QUATERNION], axis=0)
@@ -294,7 +290,7 @@ def _unit_quaternion(path: Path, rows: np.ndarray, data: Mapping[str, np.ndarray
     if off[worst] > QUATERNION_ERROR:
         raise InputError(
             f"{path}: row {rows[worst]}, columns {', '.join(QUATERNION)}: a quaternion of length "
-            f"{size[worst]:.4g} is no rotation; its length has to be 1"
+            f"{size[worst]:.4g} is not a rotation; its length must be 1"
         )
     return {name: data[name] / size for name in QUATERNION}
 
@@ -370,17 +366,4 @@ def write_recording(
         columns = columns_of(recording)
     else:
         columns = headed(recording, tendons=tendons)
-    write_atomically(path, _csv_text(columns))
-
-
-def _csv_text(columns: Mapping[str, np.ndarray]) -> str:
-    """Columns, (K,) each, as CSV; of very many numbers by polars, which takes a tenth of the time."""
-    if next((len(values) for values in columns.values()), 0) >= LARGE:
-        text = large_text(columns)
-        if text is not None:
-            return text
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
-    return stream.getvalue()
+    write_atomically(path, csv_of(columns))

@@ -98,7 +98,7 @@ def playback(
         body: from `motion.body_of`, or None.
         stills: as of `Playback`.
         title: above them, where a page has several.
-        starts: samples, counted from 0, at which the history starts anew, so that no line leads there.
+        starts: samples, counted from 0, at which the history starts again, so that no line leads there.
     """
     lines = [line for chart in charts for line in chart.lines]
     used = [c for line in lines for c in (line.x, line.y, line.band) if c is not None]

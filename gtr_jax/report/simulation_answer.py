@@ -82,9 +82,9 @@ class SimulationAnswer:
             said += [pair.says for pair in distances(self.robot) if pair.says]
         if cells_differ(self.robot):
             said.append(
-                "A physics term of the load cells acts: what they show stands in simulation.csv as T_base_N "
-                "and T_tip_N, the true tensions as T_base_true_N and T_tip_true_N. Words, pictures, tables "
-                "are of the true ones, but for what is called shown."
+                "A physics term of the load cells acts: simulation.csv holds what they show as T_base_N and "
+                "T_tip_N, and the true tensions as T_base_true_N and T_tip_true_N. Text, pictures and "
+                "tables are of the true ones, except where they say shown."
             )
         return said
 

@@ -47,7 +47,7 @@ class Impossible:
 
     @property
     def means_nothing(self) -> bool:
-        """Whether the simulation says nothing of any robot. The tensions in a sheath of fixed shape follow
+        """Whether the simulation says nothing about any robot. The tensions in a sheath of fixed shape follow
         from how far it turns, wherever it runs.
         """
         return self.overlaps and not self.rigid
@@ -58,19 +58,20 @@ class Impossible:
         said = []
         if self.overlaps and self.rigid:
             said.append(
-                "The sheath passes through itself: no sheath takes this shape. The tensions hold for one "
-                "that turns as far and is led past itself; places do not."
+                "The sheath passes through itself: no sheath can take this shape. The tensions hold for "
+                "one that turns as far and is led past itself; places do not."
             )
         elif self.overlap_step is not None:
             said.append(
                 f"The body passes through itself from step {self.overlap_step + 1} on (base tension "
-                f"{self.overlap_T_base:.3g} N), which the model does not hinder: no robot takes this shape; "
+                f"{self.overlap_T_base:.3g} N), which the model does not hinder: no robot can take this "
+                "shape; "
                 "do not use what follows, pull less."
             )
         if self.strain > STRAIN_LIMIT:
             said.append(
                 f"The wall is strained by {100 * self.strain:.2g} % in step {self.strain_step + 1}; beyond "
-                f"{100 * STRAIN_LIMIT:.0f} % the model's linear law of bending is not to be believed."
+                f"{100 * STRAIN_LIMIT:.0f} % the model's linear law of bending does not hold."
             )
         return tuple(said)
 

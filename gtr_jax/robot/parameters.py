@@ -113,7 +113,7 @@ _IN_SPACE = (
 # Of numbers of a channel: unit and least value. All others are lengths.
 _ROUTING_UNITS = {"n_sine": "", "sigma": "", "turns": "", "start_angle": "rad", "angle": "rad"}
 _ROUTING_LEAST = {"radius": 0.0, "tip_radius": 0.0}
-# Fields of a channel that are no numbers of their own.
+# Fields of a channel that are not numbers of their own.
 _ARRAYS = ("knots_s", "knots_R", "knots_y", "knots_z", "basis", "plane_angle")
 _COLUMNS = {"knots_R": 1, "knots_y": 1, "knots_z": 2}  # of a row of knots in the file
 

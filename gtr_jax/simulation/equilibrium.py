@@ -86,7 +86,7 @@ def equilibrium(
         `result` is `outside_physics`, under `jit` too.
 
     Raises:
-        ValueError: T_base has another shape, or the memory of several tendons is no equilibrium.
+        ValueError: T_base has another shape, or the memory of several tendons is not an equilibrium.
     """
     load, names = jnp.asarray(T_base, dtype=float), robot.tendon_names
     if names and load.shape != (len(names),):

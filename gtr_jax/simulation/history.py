@@ -65,7 +65,7 @@ class Simulation(SimulationArrays):
         T_tip: true tension at the anchor, (K, *tendons).
         reading: T_base and T_tip as the load cells show them, (K, *tendons) each.
         tip_pose: x [m], y [m], angle [rad] of the midline's tip in the plane, (K, 3); in space those of its
-            projection on the plane of x and y, which are no position: take `tip`.
+            projection on the plane of x and y, which are not a position: take `tip`.
         displacement: tendon drawn out at the base since the robot settled with slack tendons, (K, *tendons).
         slip_direction: +1 where the tendon at the base slips towards the base in the step, -1 towards the
             tip, 0 at rest, (K, *tendons).
@@ -89,7 +89,7 @@ class Simulation(SimulationArrays):
         (step, tendon, s), the body (step, s); without the dimension `tendon` where there is one.
 
         `T_base` and `T_tip` are what the load cells show, as in `simulation.csv` and in sweeps, `T_base_true`
-        and `T_tip_true` the true tensions. Where two nodes are at one place, before and behind a kink, the
+        and `T_tip_true` the true tensions. Where two nodes are at one place, before and after a kink, the
         label of the latter is the next larger number.
 
         Args:

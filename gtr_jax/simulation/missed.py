@@ -57,7 +57,7 @@ def trusted(
 
     Args:
         structure: the equations of the steps.
-        met: which meet their own equations. A load that is not finite is no step that could be missed.
+        met: which meet their own equations. A load that is not finite is not a step that could be missed.
         T_base: base tensions [N].
         preload: those before the first step [N].
         slip: its direction at the base and its front [m], as in `Simulation`.

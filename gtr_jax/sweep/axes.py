@@ -110,7 +110,9 @@ def axes_of(sweep: SweepConfig, robot: Robot, unit: str) -> tuple[Axis, ...]:
         where = f"{sweep.source}: vary.{key}"
         parameter = find(robot, key, f"{sweep.source}: vary", unit)
         if any(axis.parameter == parameter for axis in axes):
-            raise InputError(f"{where}: stands twice, as '{parameter.name}' and '{parameter.key}'; keep one")
+            raise InputError(
+                f"{where}: is given twice, as '{parameter.name}' and '{parameter.key}'; remove one"
+            )
         axis = _axis(parameter, said, where, gridded=sweep.sample == "grid")
         check_values(np.asarray(axis.ends), axis, where)
         axes.append(axis)
@@ -208,5 +210,5 @@ def _listed(said: Any, unit: str, where: str) -> np.ndarray:
         raise InputError(f"{where}: expected a list of values, found {said!r}")
     values = np.array([to_si(value, unit, f"{where}[{i}]") for i, value in enumerate(said)])
     if len(np.unique(values)) < len(values):
-        raise InputError(f"{where}: a value stands twice; keep one")
+        raise InputError(f"{where}: a value is given twice; remove one")
     return values

@@ -93,13 +93,13 @@ DRAWN_OUT = Variable("drawn_out", "m", "by which the tendon's drive draws it out
 
 
 def check_outputs(sweep: SweepConfig) -> None:
-    """InputError if an output is unknown or stands twice."""
+    """InputError if an output is unknown or given twice."""
     known = [*COMMON, *IN_PLANE, MARKERS, GRADIENTS]
     for i, name in enumerate(sweep.outputs):
         if name not in known:
             raise sweep.fault("outputs", f"unknown output '{name}'; {did_you_mean(name, known)}")
         if name in sweep.outputs[:i]:
-            raise sweep.fault("outputs", f"'{name}' stands twice; keep one")
+            raise sweep.fault("outputs", f"'{name}' is given twice; remove one")
     smooth = {name for name, group in (COMMON | IN_PLANE).items() if any(v.smooth for v in group)}
     if GRADIENTS in sweep.outputs and not {*smooth, MARKERS} & {*sweep.outputs}:
         raise sweep.fault(

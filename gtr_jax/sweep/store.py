@@ -200,7 +200,7 @@ class Store:
             pass
         place = map(str, self.task.plan.place(block))
         self.path.joinpath(RESULT.name, "c", *place).unlink(missing_ok=True)
-        raise InputError(f"{self.path}: a part of {name} is damaged; run again, and it is computed anew")
+        raise InputError(f"{self.path}: a part of {name} is damaged; run again to compute it again")
 
     def points(self, block: int) -> np.ndarray:
         """Values [SI] of what is varied at the points of a block, (points, axes)."""
@@ -226,7 +226,7 @@ class Store:
 
 
 def _by_chunks(pieces: Iterator[np.ndarray], chunk: int) -> Iterator[tuple[slice, np.ndarray]]:
-    """Pieces of any length joined and cut anew, so that every chunk is written once."""
+    """Pieces of any length joined and cut again, so that every chunk is written once."""
     held: list[np.ndarray] = []
     start = have = 0
     for piece in pieces:

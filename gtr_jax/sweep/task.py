@@ -334,7 +334,7 @@ def _table(file: SweepConfig, robot: Robot, unit: str) -> tuple[tuple[Axis, ...]
             table.quantity(i, written, si, remedy=lambda bare=bare, si=si: f"write for example {bare}[{si}]")
         )
         if any(parameter == other.parameter for other in axes):
-            raise InputError(f"{where}: {parameter.name} stands twice; keep one")
+            raise InputError(f"{where}: {parameter.name} is given twice; remove one")
         axes.append(Axis(parameter, low=float(values.min()), high=float(values.max())))
         check_values(np.asarray(axes[-1].ends), axes[-1], where)
         columns.append(values)

@@ -20,7 +20,7 @@ def stop_normal(p):
 
 TERM = Term(
     id="contact",
-    says="The tip runs into a stop at one place of its way.",
+    says="The tip runs into a stop at one place of its path.",
     law="force stiffness·depth against angle, once the tip is beyond distance in that direction; in space "
     "the stop is a plane, its normal (cos angle cos elevation, sin angle cos elevation, sin elevation)",
     seen="A kink at one tension: beyond it the tip hardly moves, and less tension is lost.",

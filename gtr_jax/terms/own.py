@@ -141,7 +141,7 @@ def check_term(term: Any, known: Mapping[str, Term], where: str) -> None:
         where: it comes from, for messages.
 
     Raises:
-        InputError: it is no term, its name or a number's is taken or none, a unit is unknown, it has no
+        InputError: it is not a term, its name or a number's is taken or none, a unit is unknown, it has no
             hook or one that is not open, a hook cannot be compiled, has an effect at the null values, or
             reads what the term does not declare.
     """
@@ -149,7 +149,9 @@ def check_term(term: Any, known: Mapping[str, Term], where: str) -> None:
         raise InputError(f"{where}: expected a gtr_jax.terms.Term, found {type(term).__name__}")
     at = f"{where}: term '{term.id}'"
     if not isinstance(term.id, str) or not _NAME.fullmatch(term.id):
-        raise InputError(f"{at}: is no name of a term; write small letters and digits, with hyphens between")
+        raise InputError(
+            f"{at}: is not a valid name of a term; write small letters and digits, with hyphens between"
+        )
     if term.id == LAW or term.id in known:
         raise InputError(f"{at}: there is a term of this name already; give it another id")
     _check_quantities(term, at)
@@ -177,7 +179,7 @@ def _check_quantities(term: Term, at: str) -> None:
         raise InputError(f"{at}: needs quantities, of which one at least is a size; give a tuple of Quantity")
     for q in term.quantities:
         if not _NUMBER.fullmatch(q.name) or q.name == "kind" or names.count(q.name) > 1:
-            raise InputError(f"{at}: '{q.name}' is no name of a number of its own; give another")
+            raise InputError(f"{at}: '{q.name}' is not a valid name of a number of its own; give another")
         if dimension_of_unit(q.unit) is None:
             raise InputError(f"{at}: unit '{q.unit}' of {q.name} is unknown; write SI units, as N/m^2")
         low, high = q.usual
@@ -279,14 +281,14 @@ def terms_in(path: Path) -> list[Any]:
     """The terms that a Python file calls TERM or TERMS; none where it registers them itself.
 
     Raises:
-        InputError: it is no file, fails, or holds none.
+        InputError: it is not a file, fails, or holds none.
     """
     if not path.is_file():
         raise InputError(f"{path}: no such file; name a Python file that holds a TERM")
     name = f"gtr_jax_own_{hashlib.blake2b(str(path.resolve()).encode(), digest_size=6).hexdigest()}"
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
-        raise InputError(f"{path}: is no Python file; its name must end with .py")
+        raise InputError(f"{path}: is not a Python file; its name must end with .py")
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
     try:

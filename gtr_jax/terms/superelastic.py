@@ -110,7 +110,7 @@ TERM = Term(
     ),
     source="moment of a rectangular section of a bilinear material; flag with elastic inner loops: "
     "Auricchio and Sacco 1997; generalised play: Krasnosel'skii and Pokrovskii 1989",
-    note="Sections that are no rectangles pass over to the plateau a little more slowly or faster; the "
+    note="Sections that are not rectangles pass over to the plateau a little more slowly or faster; the "
     "strain takes that up. Both plateaus are those of fibres that transform one by one. From one to the "
     "other the section turns as a whole, while its outer fibres turn first: at most 4.3 % of the largest "
     "moment apart, bent to four times the strain of the plateau. Inner loops are elastic and close. In "

@@ -50,7 +50,7 @@ RECORDINGS = {
     "unequal rows": (GOOD.replace("2,20,12", "2,20"), None, ["row 4"]),
     "empty file": ("", None, ["empty"]),
     "header only": ("time_s,T_base_N,T_tip_N\n", None, ["rec.csv"]),
-    "time that nobody mapped is no fault": (
+    "time that nobody mapped is not a fault": (
         "Timestamp,F_base_g,F_tip_g\n31.01.2026 14:05,0,0\n",
         None,
         ["no column T_base_N", "--columns 'T_base=F_base_g[gf],T_tip=F_tip_g[gf]'"],
@@ -177,7 +177,7 @@ def test_robots_that_disagree_about_what_they_share(refused, tmp_path):
 
 
 def test_unknown_channel(refused):
-    assert "'angle' is none of" in refused("fit", RECORDED, RECORDING, "--channels", "angle")
+    assert "got 'angle'" in refused("fit", RECORDED, RECORDING, "--channels", "angle")
 
 
 def test_unknown_parameter(refused):

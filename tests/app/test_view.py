@@ -26,7 +26,7 @@ from gtr_jax.app.view.histories import (
     usual_pull,
 )
 from gtr_jax.app.view.knobs import knobs_of, rounded
-from gtr_jax.app.view.latest_only_worker import Latest
+from gtr_jax.app.view.latest_only_worker import LatestOnlyWorker
 from gtr_jax.app.view.model import Setting, simulated
 from gtr_jax.app.view.postures import MIDLINES, drawing, midlines
 from gtr_jax.app.view.runs import free_name
@@ -47,13 +47,13 @@ def compiled():
     """Counts what is compiled from here on."""
     events = []
 
-    def heard(event: str, duration_secs: float, **more: str | int) -> None:
+    def counted(event: str, duration_secs: float, **more: str | int) -> None:
         if event.endswith("backend_compile_duration"):
             events.append(event)
 
-    jax.monitoring.register_event_duration_secs_listener(heard)
+    jax.monitoring.register_event_duration_secs_listener(counted)
     yield events
-    jax.monitoring.unregister_event_duration_listener(heard)
+    jax.monitoring.unregister_event_duration_listener(counted)
 
 
 def test_curves_are_those_of_simulate_and_no_slider_compiles_anything(setting, compiled):
@@ -381,7 +381,7 @@ def test_requests_that_are_overtaken_are_left_out():
         if request == 3:
             last.set()
 
-    latest = Latest(work)
+    latest = LatestOnlyWorker(work)
     latest.ask(0)
     assert begun.wait(10)
     for request in (1, 2, 3):
@@ -428,7 +428,7 @@ def test_without_bokeh_the_command_says_what_to_install(capsys, monkeypatch):
     ("arguments", "says"),
     [
         (["--drop", "1:2"], "--drop: has no effect without a recording; leave it out"),
-        (["--port", "70000"], "--port: 70000 is no port; leave it out for a free one"),
+        (["--port", "70000"], "--port: 70000 is not a port; leave it out for a free one"),
     ],
 )
 def test_options_that_cannot_be_are_refused(capsys, tmp_path, arguments, says):

@@ -13,7 +13,7 @@ import gtr_jax as gtr
 from gtr_jax.app.view import page as page_module
 from gtr_jax.app.view.model import Setting
 from gtr_jax.app.view.page import Given, Page
-from gtr_jax.app.view.thread_warnings import heard
+from gtr_jax.app.view.thread_warnings import thread_warnings
 
 WAIT = 60.0  # seconds
 
@@ -159,7 +159,7 @@ def test_input_warnings_are_heard_in_one_thread_only():
         warnings.simplefilter("always")
         seen = []
         warnings.showwarning = lambda message, *more, **rest: seen.append(str(message))
-        with heard() as texts:
+        with thread_warnings() as texts:
             for _ in range(2):
                 warnings.warn("of input", gtr.errors.InputWarning, stacklevel=1)
             warnings.warn("of a library", UserWarning, stacklevel=1)

@@ -90,7 +90,7 @@ def test_the_path_keeps_what_the_user_names_and_what_is_installed(monkeypatch, t
     monkeypatch.chdir(tmp_path)
     here, own, packages = str(tmp_path), "/home/u/own", f"{LIBRARY}/site-packages"
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([own, "", "lib"]))
-    # As Python makes it of that: of parts that are no whole paths, from the current folder.
+    # As Python makes it of that: of parts that are not whole paths, from the current folder.
     path = [here, own, here, f"{here}/lib", LIBRARY, packages]
     assert search_path(path) == [own, LIBRARY, packages]
     # Packages under development are installed by naming their folder, behind the library.

@@ -370,7 +370,7 @@ FAULTS = {
     "uncertain zero": (('"10 %"', "0.0"), "uncertainty.youngs_modulus: must be positive"),
     "uncertain twice": (
         ('"10 %"', '0.1\n"backbone.youngs_modulus" = 0.2'),
-        "uncertainty.backbone.youngs_modulus: backbone.youngs_modulus stands twice; keep one",
+        "uncertainty.backbone.youngs_modulus: backbone.youngs_modulus is given twice; remove one",
     ),
     "a term": (
         ("[uncertainty]", '[[terms]]\nkind = "tip-gian"\n[uncertainty]'),
@@ -378,7 +378,7 @@ FAULTS = {
     ),
     "a term twice": (
         ("[uncertainty]", 2 * '[[terms]]\nkind = "tip-gain"\ngain = 1.02\n' + "[uncertainty]"),
-        "terms[1].kind: 'tip-gain' stands twice; keep one",
+        "terms[1].kind: 'tip-gain' is given twice; remove one",
     ),
     "a term without its number": (
         ("[uncertainty]", '[[terms]]\nkind = "tip-gain"\n[uncertainty]'),
@@ -623,7 +623,7 @@ def test_what_is_uncertain_of_a_list_is_so_of_each_of_its_numbers(make_config):
     config = make_config(uncertainty={"outer_radius": "0.1 mm", "mu": 0.1})
     assert config.deviation("backbone.outer_radius.0") == pytest.approx(1e-4)
     assert config.deviation("backbone.outer_radius.1") == pytest.approx(1e-4)
-    with pytest.raises(InputError, match=r"outer_radius\.0 stands twice"):
+    with pytest.raises(InputError, match=r"outer_radius\.0 is given twice"):
         make_config(uncertainty={"outer_radius": "0.1 mm", "outer_radius.0": "0.2 mm"})
 
 

@@ -205,7 +205,7 @@ def corner(model):
         (two_layers, {"layer": 3}, r"layer: expected a name in quotes"),
         (apart, {}, r"layer 0: its lines do not join: .*\(100, 5, 0\) mm .* 1 mm away"),
         (closed, {}, r"layer 0: the line is closed"),
-        (not_a_number, {}, r"layer 0: a coordinate of its lines is no finite number"),
+        (not_a_number, {}, r"layer 0: a coordinate of its lines is not a finite number"),
         (polyline((0, 0), (150, 5), (140, 6), (250, 0)), {}, r"turns back at s = 150 mm"),
         (polyline((0, 0), (200, 5)), {}, r"from s = 0 mm to 200 mm, the body from 0 mm to 250 mm; draw it"),
         (polyline((0, 0), (250, 5)), {"unit": "mm"}, r"its header says the unit, mm; remove unit"),
@@ -235,7 +235,7 @@ def test_files_that_are_no_drawings_and_keys_without_one(make_config, tmp_path):
     (tmp_path / "route.csv").write_text("s_mm,R_mm\n0,5\n250,5\n")
     knots = [[0.0, 0.005], [0.25, 0.005]]
     for routing, says in (
-        ({"file": "bad.dxf"}, r"bad\.dxf: not a whole DXF drawing"),
+        ({"file": "bad.dxf"}, r"bad\.dxf: not a complete DXF drawing"),
         ({"file": "absent.dxf"}, r"absent\.dxf: no such file"),
         ({"file": "route.csv", "layer": "A"}, r"layer: has no effect without the DXF drawing"),
         ({"knots": knots, "unit": "mm"}, r"unit: has no effect"),

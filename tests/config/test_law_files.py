@@ -151,7 +151,7 @@ def test_a_law_is_swept(plain):
         ({"law": "size^9^9^9^9 * fade"}, "terms.seal.law: 'size^9^9^9^9' raises N/m to a power"),
         ({"law": "size * exp(-p / fade)" + " + 0" * 200}, "terms.seal.law: has 8"),
         ({"name": "wear"}, "terms[0]: name: 'wear' is a term of the catalogue; take small letters"),
-        ({"name": "My Seal"}, "terms[0]: name: 'My Seal' is no name of a law; take small letters"),
+        ({"name": "My Seal"}, "terms[0]: name: 'My Seal' is not a valid name of a law; take small letters"),
         ({"name": 3}, "terms[0].name: expected a text in quotes"),
         ({"size": None}, "terms[0]: size: expected a pure number"),
         ({"size": "2 N/m/m"}, "terms.seal.law: is in N/m^2, but drag needs N/m"),
@@ -192,7 +192,11 @@ def test_a_law_lacks_nothing(plain, key, example):
 
 
 def test_laws_stand_once_and_beside_no_number_of_the_robot(plain):
-    with pytest.raises(InputError, match=r"terms\[1\].name: 'seal' stands twice; give each law its own name"):
+    with pytest.raises(
+        InputError,
+        match=r"terms\[1\].name: 'seal' is given twice; give each law its "
+        r"own name",
+    ):
         of(plain, SEAL, SEAL)
     two = {k: v for k, v in plain.items() if k not in ("routing", "tendon")}
     tendons = [

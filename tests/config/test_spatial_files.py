@@ -317,7 +317,7 @@ FAULTS = {
     "rotated": (
         '"90 deg", "0',
         '"390 deg", "0',
-        "base.rotation: a rotation vector of 390 deg is no rotation",
+        "base.rotation: a rotation vector of 390 deg is more than a full turn",
     ),
     "rotation of four": ('"0 deg"]', '"0 deg", "0 deg"]', "base.rotation: too many values"),
     "two vectors": (
@@ -341,7 +341,7 @@ FAULTS = {
     "piece of nothing": (
         'outer_radius = ["11 mm", "10.5 mm"]\nyoungs_modulus = "2 MPa"',
         "",
-        "backbone.sections[0]: differs in nothing",
+        "backbone.sections[0]: changes nothing",
     ),
     "marker outside": ('"129.1 mm"', '"329.1 mm"', "markers[0].at: 329.1 mm lies outside the backbone"),
     "marker twice": (

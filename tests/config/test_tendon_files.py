@@ -53,7 +53,7 @@ def test_it_is_written_and_read_back(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
-        ('name = "right"', 'name = "left"', "tendons[1].name: 'left' stands twice"),
+        ('name = "right"', 'name = "left"', "tendons[1].name: 'left' is given twice"),
         ('name = "right"', 'name = "1"', "tendons[1].name: '1' cannot end a column's name"),
         ('name = "right"\n', "", "name"),
         (LEFT, f"[tendon]\nfriction_coefficient = 0.3\n\n{LEFT}", "has both 'tendon' and 'tendons'"),

@@ -140,7 +140,7 @@ PULL = {"T_base": {"a": "3 N"}, "tip": ["230 mm", "-60 mm", "10 mm"]}
         (HELIX, {"pose": [{**POSE, "tip": [0.2, 0.1]}]}, ["pose[0].tip", "routing.kind", "x, y and z"]),
         (HELIX, {"pose": [{"T_base": 12.0, "angle": 0.3}]}, ["pose[0].angle", "direction = ["]),
         (HELIX, {"pose": [{**POSE, "direction": [0, 0, 0]}]}, ["pose[0].direction", "no length"]),
-        (HELIX, {"pose": [{**POSE, "rotation": [0, 0, 1]}]}, ["pose[0].direction", "keep one"]),
+        (HELIX, {"pose": [{**POSE, "rotation": [0, 0, 1]}]}, ["pose[0].direction", "remove one of the two"]),
         (HELIX, {"pose": [POSE]}, ["search.bounds.turns", "missing"]),
         (HELIX, {"pose": [{**POSE, "T_base": {"a": 1.0}}]}, ["pose[0].T_base", "one tendon"]),
         (HELIX, {"pose": [{**POSE, "tip": [0.2, 0.2, 0.2]}]}, ["pose[0].tip", "out of reach"]),

@@ -27,7 +27,7 @@ def effect(name, lower=0.0, *, size=True):
 
 @dataclasses.dataclass
 class Linear:
-    """A bench whose rows are linear in all coordinates: columns by name of the number."""
+    """A likelihood whose rows are linear in all coordinates: columns by name of the number."""
 
     seen: np.ndarray
     columns: dict[str, np.ndarray]

@@ -11,7 +11,7 @@ import calibrate
 import gtr_jax as gtr
 from calibrate.diagnosis.decision import decide
 from calibrate.diagnosis.likelihood.locate import between_samples
-from calibrate.diagnosis.search import forward_search as further
+from calibrate.diagnosis.search import forward_search
 
 # Recordings of the machine of the blind benchmark, of seeds that it does not score.
 DATA = Path(__file__).parents[1] / "data/combined"
@@ -37,9 +37,9 @@ def test_an_effect_that_the_cost_needs_is_kept_though_the_parts_held_out_miss_it
         stored=lambda f: f,
     )
     unseen = SimpleNamespace(totals=lambda fits: (np.ones((len(fits), 2)), np.full(len(fits), 2.0)))
-    monkeypatch.setattr(further, "in_lanes", lambda f, items: [f(i) for i in items])
+    monkeypatch.setattr(forward_search, "in_lanes", lambda f, items: [f(i) for i in items])
     args = cast(tuple[Any, Any, Any, Any], (models, unseen, head, start))
-    assert further._without_idle(*args).names == kept
+    assert forward_search._without_idle(*args).names == kept
 
 
 @pytest.mark.parametrize(
@@ -67,7 +67,7 @@ def test_all_effects_are_named_where_an_error_of_one_law_cannot_be_what_is_left(
     kinds = {"a": "a", "a.tip": "a", "b": "b", "c": "c"} | exact
     models = SimpleNamespace(
         base=base,
-        beside=lambda f: {("a", "b"): 1.0},
+        probabilities_given_discrepancy=lambda f: {("a", "b"): 1.0},
         stored=lambda f: f,
         fits={alone.names: alone} if alone.names[0] in exact else {},
         likelihood=SimpleNamespace(scale_left=lambda f: 1.0),
@@ -125,9 +125,11 @@ def test_a_model_is_judged_again_once_a_much_better_fit_of_it_is_found(monkeypat
         judged.extend(f.cost for _, f in models)
         return np.asarray([[[f.cost, 1, f.cost, 1]] * 4 for _, f in models])
 
-    monkeypatch.setattr(further, "by_fold", by_fold)
+    monkeypatch.setattr(forward_search, "by_fold", by_fold)
     likelihood = SimpleNamespace(heavy=None, scale_left=lambda f: 1.0)
-    unseen = further.Unseen(cast(Any, SimpleNamespace(likelihood=likelihood, hypotheses=lambda names: names)))
+    unseen = forward_search.Unseen(
+        cast(Any, SimpleNamespace(likelihood=likelihood, hypotheses=lambda names: names))
+    )
     head = cast(Any, fitted(1000.0))
     for cost, pays in ((990.0, False), (985.0, False), (600.0, True), (598.0, True)):
         assert (unseen.best(head, [cast(Any, fitted(cost, "a"))]) is not None) is pays
@@ -153,10 +155,10 @@ def test_a_better_variant_stands_in_place_of_an_effect(monkeypatch, costs, sizes
     for f, size in zip((was, *others), sizes, strict=True):
         f.x = np.zeros(size)
     models = SimpleNamespace(likelihood=SimpleNamespace(scale_left=lambda f: 1.0), stored=lambda f: f)
-    monkeypatch.setattr(further, "settled", lambda models, fits: fits)
-    monkeypatch.setattr(further, "add_variants", lambda m, f, name: others if name == "a.tip" else [])
+    monkeypatch.setattr(forward_search, "settled", lambda models, fits: fits)
+    monkeypatch.setattr(forward_search, "add_variants", lambda m, f, name: others if name == "a.tip" else [])
     unseen = SimpleNamespace(best=lambda f, fits: fits[0] if pays else None)
-    found, instead = further._best_variants(cast(Any, models), cast(Any, unseen), cast(Any, was))
+    found, instead = forward_search._best_variants(cast(Any, models), cast(Any, unseen), cast(Any, was))
     assert (found.names, instead) == (head, replaced)
 
 

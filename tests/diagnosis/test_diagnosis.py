@@ -38,7 +38,7 @@ from calibrate.inference.simulated_rig import SimulatedRig, at_samples, between
 from calibrate.inference.simulation_cache import SimulationCache
 from calibrate.inference.weighing import Weighing
 from calibrate.planning.experiment import propose
-from calibrate.planning.load_histories import checks, further, menu
+from calibrate.planning.load_histories import checks, menu, more_histories
 from calibrate.planning.ways_to_drive import turned, weighed, weight_to_hang
 from gtr_jax.config.config import parse_config
 from gtr_jax.recordings.base_tension import exact
@@ -164,11 +164,12 @@ def test_a_regularity_is_no_noise():
     # The reading that is held may belong to them, where the model has come off it.
     assert 22 <= only.first <= 26 and only.last == 29 and only.readings == 30 - only.first
     assert only.time_s == (0.5 * only.first, 14.5)
-    assert f"stand still, {only.readings} on end (1" in stands.says and "to 14.5 s" in stands.says
+    many = f"{only.readings} consecutive readings"
+    assert f"stand still, {many} (1" in stands.says and "to 14.5 s" in stands.says
     untimed = found(standing, timed=False)
-    assert untimed is not None and " s, " not in untimed.says and "on end (" in untimed.says
-    # Lone spikes hide it not, but more elsewhere does. Readings that move, less than the model or as much, do
-    # not stand; neither do few, or those that a recording begins with.
+    assert untimed is not None and " s, " not in untimed.says and "consecutive readings (" in untimed.says
+    # Isolated spikes do not hide it, but more elsewhere does. Readings that move, less than the model or as
+    # much, do not stand; neither do few, or those that a recording begins with.
     spiked = standing.copy()
     spiked[[60, 80]] = 60.0
     assert (again := found(spiked)) is not None and again.stands == stands.stands
@@ -344,7 +345,7 @@ def test_cycles_and_branches():
 
 
 def test_the_menu_is_driveable():
-    for name, (time, T) in (menu(20.0, 80, 15.0) | further(20.0, 80, 15.0)).items():
+    for name, (time, T) in (menu(20.0, 80, 15.0) | more_histories(20.0, 80, 15.0)).items():
         assert len(time) == len(T) == 80 and np.all(np.diff(time) > 0), name
         assert T.min() >= 0 and T.max() <= 20.0 + 1e-9
 
@@ -360,7 +361,7 @@ def test_a_sound_recording_is_adequate():
 
 @pytest.mark.slow
 def test_readings_that_stand_still_are_left_out_and_unexplained():
-    """A cell that hangs says nothing of the robot, whose numbers come from the other readings."""
+    """A cell that hangs says nothing about the robot, whose numbers come from the other readings."""
     config, recording, _ = case(11)
     tip = np.array(recording.T_tip)
     for first, after in ((10, 15), (36, 41)):
@@ -631,11 +632,11 @@ def test_the_file_of_steps_is_left_where_no_answer_was_written(tmp_path, monkeyp
 
     monkeypatch.setattr("gtr_jax.app.cli.diagnose.write_answer", interrupt)
     outcome = run_gtr(capsys, *given)
-    assert outcome.status == 130 and "goes on from there" in outcome.err
+    assert outcome.status == 130 and "resumes from there" in outcome.err
     assert (tmp_path / ".out.steps").exists() and not out.exists()
     monkeypatch.undo()
     outcome = run_gtr(capsys, *given)
-    assert outcome.status == 0 and "where an earlier run" in outcome.err
+    assert outcome.status == 0 and "resuming the interrupted run" in outcome.err
     assert not (tmp_path / ".out.steps").exists() and (out / "report.html").exists()
 
 
@@ -656,7 +657,7 @@ def test_a_broken_file_of_steps_is_begun_anew(tmp_path):
 
 def test_names_of_channels_are_checked():
     config, recording, _ = case(11)
-    for wrong, says in (("nonsense", "is none of"), (("tip_y", "tip_z"), "is none of")):
+    for wrong, says in (("nonsense", "must be one of"), (("tip_y", "tip_z"), "must be one of")):
         with pytest.raises(gtr.InputError, match=says):
             calibrate.diagnose(config, recording, channels=wrong)
 

@@ -170,7 +170,7 @@ def test_three_recordings_that_disagree_take_three_times_one(work, tmp_path, cap
         robot = gtr.load_robot(out / f"diagnosed-{name}.toml")
         assert float(robot.value("mu")) == pytest.approx(own["value"])
     text = (out / "diagnosed.toml").read_text()
-    assert text.startswith("# mu differs between the recordings. This file has what fits monday.")
+    assert text.startswith("# mu differs between the recordings. This file has the values that fit monday.")
     assert [f["recording"] for f in data["robot_files"]] == ["monday", "monday", "tuesday", "oiled"]
     assert "What differs between the recordings: mu" in (out / "report.html").read_text()
 

@@ -41,7 +41,7 @@ from calibrate.diagnosis.laws.forms import (
     waves,
 )
 from calibrate.diagnosis.laws.found import _curve, with_law
-from calibrate.diagnosis.laws.places import Place, places
+from calibrate.diagnosis.laws.places import LawPlace, places
 from calibrate.diagnosis.likelihood.held_out import _when_known, folds
 from calibrate.diagnosis.prepare import prepare
 from calibrate.fitting.fit import part_of
@@ -57,19 +57,19 @@ from gtr_jax.terms.law import check_law
 
 SINE = {"kind": "straight-sine-straight", "r1": -0.01, "r2": 0.01, "w1": 0.03, "w2": 0.1}
 PLACES = [
-    Place("friction", "T", 0.0, 40.0, 0.5, "dimensionless"),
-    Place("friction", "s", 0.0, 0.25, 0.5, "dimensionless"),
-    Place("friction", "t", 0.0, 90.0, 0.5, "dimensionless"),
-    Place("friction", "d", 0.0, 0.008, 0.5, "dimensionless"),
-    Place("tip_cell", "T", 0.0, 30.0, 0.9, "N"),
-    Place("base_cell", "T", 0.0, 40.0, 1.2, "N"),
-    Place("bending", "k", 0.0, 12.0, 4.0, "1/m"),
-    Place("bending", "s", 0.0, 0.25, 0.4, "dimensionless"),
-    Place("drag", "s", 0.0, 0.25, 4.0, "N/m"),
-    Place("strain", "T", 0.0, 40.0, 2e-3, "dimensionless"),
-    Place("tip_response", "l", 0.0, 9.6, 0.3, "dimensionless"),
-    Place("tip_cell", "t", 0.0, 90.0, 0.9, "N"),
-    Place("viscous", "v", 0.0, 0.004, 0.1, "dimensionless"),
+    LawPlace("friction", "T", 0.0, 40.0, 0.5, "dimensionless"),
+    LawPlace("friction", "s", 0.0, 0.25, 0.5, "dimensionless"),
+    LawPlace("friction", "t", 0.0, 90.0, 0.5, "dimensionless"),
+    LawPlace("friction", "d", 0.0, 0.008, 0.5, "dimensionless"),
+    LawPlace("tip_cell", "T", 0.0, 30.0, 0.9, "N"),
+    LawPlace("base_cell", "T", 0.0, 40.0, 1.2, "N"),
+    LawPlace("bending", "k", 0.0, 12.0, 4.0, "1/m"),
+    LawPlace("bending", "s", 0.0, 0.25, 0.4, "dimensionless"),
+    LawPlace("drag", "s", 0.0, 0.25, 4.0, "N/m"),
+    LawPlace("strain", "T", 0.0, 40.0, 2e-3, "dimensionless"),
+    LawPlace("tip_response", "l", 0.0, 9.6, 0.3, "dimensionless"),
+    LawPlace("tip_cell", "t", 0.0, 90.0, 0.9, "N"),
+    LawPlace("viscous", "v", 0.0, 0.004, 0.1, "dimensionless"),
 ]
 
 
@@ -258,7 +258,7 @@ def test_other_places_go_on_by_what_a_brief_refit_makes_of_them(monkeypatch):
         ]
 
     monkeypatch.setattr(discovery, "raced", raced)
-    monkeypatch.setattr(discovery, "_bench_with", lambda likelihood, laws: asked_of.extend(laws))
+    monkeypatch.setattr(discovery, "_likelihood_with", lambda likelihood, laws: asked_of.extend(laws))
     head = SimpleNamespace(
         names=(), cost=800.0, x=base.x, jacobian=base.jacobian, information=base.information
     )
@@ -363,7 +363,7 @@ def _shown(run, noise, draw):
     return np.asarray(run.tip_pose)[:, :2].T + draw.normal(0, noise, (2, len(run.tip_pose)))
 
 
-def bench_of(config, recording):
+def likelihood_of(config, recording):
     """A rig of a recording and the base model's numbers there."""
     robot = gtr.build_robot(config)
     part, _ = part_of("r", robot, config, recording, (), noise_N=None, noise_base_N=None)
@@ -381,7 +381,7 @@ def beside_nothing(config, recording):
 
 def test_places_cover_what_the_recording_does(make_config):
     config = make_config(routing=SINE)
-    robot, rig, _ = bench_of(config, recorded(config))
+    robot, rig, _ = likelihood_of(config, recorded(config))
     values = {"mu": float(robot.value("mu")), "E": float(robot.value("E"))}
     seen = rig(values)
     assert seen is not None
@@ -507,7 +507,7 @@ def test_a_smooth_law_that_was_fitted_gives_starts_of_short_ones(name):
 @pytest.mark.slow
 def test_a_law_outside_the_catalogue_is_found_and_lands_in_the_file(make_config):
     config = make_config(routing=SINE)
-    place = Place("friction", "t", 0.0, 74.5, 0.5, "dimensionless")
+    place = LawPlace("friction", "t", 0.0, 74.5, 0.5, "dimensionless")
     law, _ = law_of(place, next(f for f in FORMS if f.name == "wave"))
     recording = recorded(config, law, {"size": 0.3, "period": 17.0, "phase": 0.7})
     found = calibrate.diagnose(config, recording)
@@ -533,7 +533,7 @@ def test_friction_that_falls_for_a_while_within_one_cycle_is_found(make_config):
     that first order promises other stretches.
     """
     config = make_config(routing=SINE)
-    place = Place("friction", "t", 0.0, 89.5, 0.5, "dimensionless")
+    place = LawPlace("friction", "t", 0.0, 89.5, 0.5, "dimensionless")
     law, _ = law_of(place, next(f for f in FORMS if f.name == "stretch"))
     truth = {"size": -0.45, "first": 36.0, "last": 52.0, "edge": 0.5}
     found = beside_nothing(config, recorded(config, law, truth, samples=180))
@@ -561,7 +561,7 @@ def test_a_cell_that_reads_wrong_for_a_while_is_not_told_as_friction(make_config
 def test_waves_of_a_cell_that_pass_for_noise_are_found(make_config):
     """Steps of the tension are longer than a wave: neighbouring samples differ as if by chance."""
     config = make_config(routing=SINE)
-    place = Place("tip_cell", "T", 0.0, 30.0, 0.9, "N")
+    place = LawPlace("tip_cell", "T", 0.0, 30.0, 0.9, "N")
     law, _ = law_of(place, next(f for f in FORMS if f.name == "wave"))
     truth = {"size": 0.6, "period": 1.7, "phase": 0.0}
     recording = recorded(config, law, truth, samples=70, noise=0.05)
@@ -629,7 +629,7 @@ def test_friction_that_grows_with_the_speed_is_told_without_the_term(make_config
 def test_a_law_of_the_body_may_show_in_the_pose_alone(make_config):
     config = make_config(routing=SINE, uncertainty={"backbone.youngs_modulus": 0.2})
     at = gtr.equilibrium(gtr.build_robot(config), jnp.asarray(30.0))
-    place = Place("bending", "k", 0.0, float(np.max(np.abs(at.curvature))), 1.0, "1/m")
+    place = LawPlace("bending", "k", 0.0, float(np.max(np.abs(at.curvature))), 1.0, "1/m")
     law, stays = law_of(place, next(f for f in FORMS if f.name == "quadratic"))
     truth = {"size": 0.3 * place.high, **{name.rpartition(".")[2]: v for name, v in stays.items()}}
     found = beside_nothing(config, recorded(config, law, truth, pose=2e-5))
@@ -641,7 +641,7 @@ def test_a_law_of_the_body_may_show_in_the_pose_alone(make_config):
 @pytest.mark.slow
 def test_a_law_is_found_in_a_long_recording(make_config):
     config = make_config(routing=SINE)
-    place = Place("friction", "T", 0.0, 30.0, 0.5, "dimensionless")
+    place = LawPlace("friction", "T", 0.0, 30.0, 0.5, "dimensionless")
     law, _ = law_of(place, next(f for f in FORMS if f.name == "bump"))
     recording = recorded(config, law, {"size": 0.6, "at": 14.0, "width": 4.0}, samples=1200)
     found = calibrate.diagnose(config, recording)

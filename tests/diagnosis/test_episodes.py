@@ -19,7 +19,7 @@ from calibrate.diagnosis.likelihood.held_out import _when_known
 from calibrate.diagnosis.outside.episodes import ALONE, RELAXES, SLIPPING, TOGETHER, _kind, _runs, episodes
 from calibrate.diagnosis.outside.leave_out import ASKED, Stretch, asked_for, from_outside, left_out, without
 from calibrate.diagnosis.prepare import Prepared, prepare
-from calibrate.diagnosis.search import forward_search as further
+from calibrate.diagnosis.search import forward_search
 from calibrate.inference.number import Number
 from calibrate.inference.setup import Observation
 from gtr_jax import InputError, Recording
@@ -79,8 +79,8 @@ def part(time=True, name="rig"):
     )
 
 
-def bench_of(part, residual, slips=None):
-    """A bench of one recording whose simulation is off by a residual, (K,)."""
+def likelihood_of(part, residual, slips=None):
+    """The likelihood of one recording whose simulation is off by a residual, (K,)."""
     seen = SimpleNamespace(
         values=(part.T_tip + residual)[None], slips=np.zeros(part.samples, bool) if slips is None else slips
     )
@@ -98,15 +98,15 @@ def test_episodes_say_when_and_how_much_and_end_where_the_tendon_slips_again():
     row[100:120], row[200:210] = 0.8, -0.5
     slips = np.zeros(K, bool)
     slips[150] = True
-    first, second = episodes(*bench_of(part(), row, slips))  # type: ignore[arg-type]
+    first, second = episodes(*likelihood_of(part(), row, slips))  # type: ignore[arg-type]
     assert (first.first, first.last, first.until, second.first, second.until) == (100, 119, 149, 200, K - 1)
     assert first.start_s == pytest.approx(10.0) and first.mean_N == pytest.approx(0.8)
     assert first.share > second.share and "too high by 0.8 N" in first.says and "10 to 11.9 s" in first.says
     # Of a recording that is simulated at some of its samples, places are those of the recording.
     some = part().only(np.arange(0, K, 2))
-    (thin, *_) = episodes(*bench_of(some, row[::2]))  # type: ignore[arg-type]
+    (thin, *_) = episodes(*likelihood_of(some, row[::2]))  # type: ignore[arg-type]
     assert (thin.first, thin.last) == (100, 118)
-    (plain, *_) = episodes(*bench_of(part(time=False), row))  # type: ignore[arg-type]
+    (plain, *_) = episodes(*likelihood_of(part(time=False), row))  # type: ignore[arg-type]
     assert plain.start_s is None and "samples 101 to 120" in plain.says
 
 
@@ -137,10 +137,10 @@ def test_stretches_that_a_user_leaves_out():
 def test_episodes_from_outside_are_left_out_unless_they_are_too_many():
     row = np.zeros(K)
     row[100:120] = 0.8
-    found = episodes(*bench_of(part(), row))  # type: ignore[arg-type]
+    found = episodes(*likelihood_of(part(), row))  # type: ignore[arg-type]
     slips = np.zeros(K, bool)
     slips[125:] = True
-    forgotten = episodes(*bench_of(part(), row, slips))  # type: ignore[arg-type]
+    forgotten = episodes(*likelihood_of(part(), row, slips))  # type: ignore[arg-type]
     assert from_outside(found, {"rig": K}, {"rig": []}) is None  # held to the end: most of the recording
     assert from_outside(forgotten, {"rig": K}, {"rig": []}, [(11.0, 11.3)]) is None  # an event's time is off
     assert without(part(), [Stretch(0, K - 21, ASKED)]).counted.sum() == 20
@@ -148,7 +148,7 @@ def test_episodes_from_outside_are_left_out_unless_they_are_too_many():
         without(part(), [Stretch(0, K - 20, ASKED)])
     stretches = from_outside(forgotten, {"rig": K}, {"rig": [Stretch(0, 3, ASKED)]})
     assert stretches is not None and [(s.first, s.last) for s in stretches["rig"]] == [(0, 3), (100, 124)]
-    while_slipping = episodes(*bench_of(part(), row, np.ones(K, bool)))  # type: ignore[arg-type]
+    while_slipping = episodes(*likelihood_of(part(), row, np.ones(K, bool)))  # type: ignore[arg-type]
     assert from_outside(while_slipping, {"rig": K}, {"rig": []}) is None
 
 
@@ -178,7 +178,7 @@ def test_part_of_a_misfit(monkeypatch):
         likelihood=SimpleNamespace(scale_left=lambda f: 1.0, heavy=None),
         base=base,
         fits=fits,
-        beside=lambda f: sure,
+        probabilities_given_discrepancy=lambda f: sure,
         of={},
     )
     nearest = decide.Decision(
@@ -218,7 +218,7 @@ def test_an_effect_pays_on_unseen_samples_or_is_not_kept(monkeypatch):
         ("c",): [0.0, 4.1, 4.1, 4.1],
     }
     monkeypatch.setattr(
-        further,
+        forward_search,
         "by_fold",
         lambda likelihood, models, pieces: np.asarray(
             [[[s, 1, s, 1] for s in by[f.names]] for _, f in models]
@@ -226,7 +226,7 @@ def test_an_effect_pays_on_unseen_samples_or_is_not_kept(monkeypatch):
     )
     likelihood = SimpleNamespace(heavy=None, scale_left=lambda f: 1.0)
     models = SimpleNamespace(likelihood=likelihood, hypotheses=lambda names: [])
-    unseen = further.Unseen(models)  # type: ignore[arg-type]
+    unseen = forward_search.Unseen(models)  # type: ignore[arg-type]
     assert unseen.best(head, [good, little]) is good  # type: ignore[arg-type]
     assert unseen.best(head, [little]) is None  # type: ignore[arg-type]
     assert unseen.best(head, [uneven]) is None and unseen.best(head, []) is None  # type: ignore[arg-type]
@@ -334,7 +334,7 @@ def test_an_event_replaces_an_effect_that_goes_on_only_where_it_happened(tmp_pat
     models.add([ready.base, wear])
     whole = _on_all(models, ready.rough, ready.exact)
     assert whole is not None
-    found = further._with_event_instead(whole, whole.fits["wear",])
+    found = forward_search._with_event_instead(whole, whole.fits["wear",])
     assert found.names == (kind,)
     if kind == "sheath-moved":
         assert found.values["sheath-moved.time"] == pytest.approx(31.0, abs=0.5)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_episodes import SHEATH, K, bench_of, part
+from test_episodes import SHEATH, K, likelihood_of, part
 
 import calibrate
 import gtr_jax as gtr
@@ -90,9 +90,9 @@ def test_an_episode_behind_a_gap_says_so_and_is_no_event():
     plain = part()
     time = plain.time + np.where(np.arange(K) >= 100, 7.0, 0.0)
     gapped = dataclasses.replace(plain, time=time)
-    (found,) = episodes(*bench_of(gapped, row))  # type: ignore[arg-type]
-    assert found.kind == AFTER_GAP and "behind a gap" in found.says
-    (other,) = episodes(*bench_of(plain, row))  # type: ignore[arg-type]
+    (found,) = episodes(*likelihood_of(gapped, row))  # type: ignore[arg-type]
+    assert found.kind == AFTER_GAP and "after a gap" in found.says
+    (other,) = episodes(*likelihood_of(plain, row))  # type: ignore[arg-type]
     assert other.kind != AFTER_GAP
     stretches = from_outside([found], {"rig": 10 * K}, {"rig": []})
     assert stretches is not None and not stretches["rig"][0].outside

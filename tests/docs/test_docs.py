@@ -210,7 +210,7 @@ def test_the_page_of_the_diagnosis_shows_what_the_command_prints(tmp_path, monke
 def test_the_files_that_the_map_names_are_there():
     files = [
         f"/{path.relative_to(ROOT)}"
-        for f in ("gtr_jax", "calibrate", "design")
+        for f in ("gtr_jax", "calibrate", "design", "benchmarks")
         for path in (ROOT / f).rglob("*.py")
     ]
     named = set(re.findall(r"`([\w/]+\.py)`", (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")))

@@ -133,7 +133,7 @@ def test_few_samples_have_no_known_noise(make_config, truth):
     rec = posed(truth, LOOP[::6], sd_base=0.0)
     fit = calibrate.fit(wrong(make_config), rec, free="E", noise_base_N=0.0)
     assert fit.converged, fit.verdict
-    assert "whose noise cannot be told" in fit.verdict and "neighbouring" not in fit.verdict
+    assert "whose noise cannot be estimated" in fit.verdict and "neighbouring" not in fit.verdict
 
 
 def told(channels, residual, kept=None, noise=1e-4, tau=1.0):

@@ -117,7 +117,7 @@ def test_phases_alone_are_no_surer_than_the_whole(fits):
     one = fits[0]
     for phase in ("pulling", "releasing"):
         assert one.mu_by_phase[phase].sd > 0.9 * one["mu"].sd
-    # What they have in common is no disagreement.
+    # What they have in common is not a disagreement.
     assert not any("alone" in text for text in one.warnings)
 
 

@@ -226,7 +226,7 @@ def test_lone_spikes_of_the_base_are_left_out():
     clean, count = readings.without_spikes(spiked)
     assert count == 2
     np.testing.assert_allclose(clean, T, atol=0.1)
-    assert readings.without_spikes(PULLED)[1] == 0, "turning points are no spikes"
+    assert readings.without_spikes(PULLED)[1] == 0, "turning points are not spikes"
     assert readings.without_spikes(np.repeat(np.arange(10.0), 3))[1] == 0, "nor are steps"
 
 

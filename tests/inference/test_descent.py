@@ -173,8 +173,8 @@ def test_an_end_that_fewer_free_numbers_beat_is_none(monkeypatch):
     answer: Any = SimpleNamespace(predictions=at_end, descent=ended, judged=(judged,))
     assert _failure(setup, answer, None) == ""
     assert _failure(setup, answer, found._replace(rms=0.62)) == (
-        "the descent ended in a bad place: with presliding.length and tendon-stretch.compliance as the robot "
-        "file has them, the others alone leave less (0.62 N rms instead of 0.871 N); fit --free mu first, "
-        "write what it finds into the robot file, and give presliding.length and tendon-stretch.compliance "
-        "values there from which to start"
+        "the search ended at a poor optimum: with presliding.length and tendon-stretch.compliance as in the "
+        "robot file, a fit of the others alone leaves less (0.62 N rms instead of 0.871 N); fit --free mu "
+        "first, write what it finds into the robot file, and give presliding.length and "
+        "tendon-stretch.compliance start values there"
     )

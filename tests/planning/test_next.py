@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import gtr_jax as gtr
-from calibrate.diagnosis.answer.earlier import settled
+from calibrate.diagnosis.answer.earlier import settle
 from calibrate.inference.number import Number
 from calibrate.planning import open_files, open_folder, plan
 from calibrate.planning.candidates import candidates
@@ -197,7 +197,7 @@ def test_a_rig_that_is_changed_has_robot_files_that_say_so(make_config, tmp_path
     [
         (["."], "holds neither diagnosis.json nor fit.json"),
         ([".", "robot.toml"], "is a folder; give one run folder, or robot files"),
-        (["robot.toml"], "--max-tension: robot files do not tell how far the rig may pull"),
+        (["robot.toml"], "--max-tension: robot files do not say how far the rig may pull"),
         (["robot.toml", "--max-tension", "0"], "--max-tension: must be above 0"),
         (
             ["robot.toml", "--max-tension", "20N", "--for", "muu"],
@@ -248,7 +248,7 @@ def test_what_became_of_the_rivals_of_an_earlier_diagnosis(named, confusion, say
         SimpleNamespace(names=("presliding.gradual",), probability=0.1, delta=6.0),
     ]
     answer = SimpleNamespace(named=named, confusion_set=confusion, rivals=rivals, verdict="adequate")
-    found = settled("out", [(("wear",), 0.5), (("presliding",), 0.4)], cast(Any, answer))
+    found = settle("out", [(("wear",), 0.5), (("presliding",), 0.4)], cast(Any, answer))
     assert found.says.endswith(says)
     assert [r.behind for r in found.rivals] == pytest.approx([0.0, 8.0])
     assert [r.after for r in found.rivals] == [0.9, 0.1]

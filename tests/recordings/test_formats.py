@@ -3,6 +3,7 @@
 import gzip
 import sys
 import zlib
+from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -10,7 +11,7 @@ import pytest
 from test_recording import EXPORTED, EXPORTS
 
 from gtr_jax.errors import InputError
-from gtr_jax.recordings.formats import expansion, large_csv
+from gtr_jax.recordings.formats import csv_text, expansion, many_cells
 from gtr_jax.recordings.formats.subprocess_reader import read_in_subprocess
 from gtr_jax.recordings.formats.table import read_table
 from gtr_jax.recordings.recording import read_recording
@@ -41,9 +42,9 @@ def refused(path, columns=None):
 @pytest.fixture
 def large(monkeypatch):
     """Every CSV file counts as large."""
-    monkeypatch.setattr(large_csv, "LARGE", 0)
-    monkeypatch.setattr(large_csv, "_HEAD", 4)
-    monkeypatch.setattr(large_csv, "_FIRST", 1)
+    monkeypatch.setattr(csv_text, "LARGE", 0)
+    monkeypatch.setattr(csv_text, "_HEAD", 4)
+    monkeypatch.setattr(many_cells, "_FIRST", 1)
 
 
 def as_text(table):
@@ -102,7 +103,7 @@ def test_large_files_are_read_as_small_ones(name, tmp_path, large, monkeypatch):
     text = (EXPORTS | ODD)[name]
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
     found = as_text(read_table(path))
-    monkeypatch.setattr(large_csv, "LARGE", 10**9)
+    monkeypatch.setattr(csv_text, "LARGE", 10**9)
     assert found == as_text(read_table(path))
 
 
@@ -110,7 +111,7 @@ def test_large_files_are_read_as_small_ones(name, tmp_path, large, monkeypatch):
 def test_large_files_are_not_left_to_the_small_way(text, tmp_path, large):
     path = tmp_path / "recording.csv"
     path.write_text(text.removesuffix("# done\n"))
-    assert isinstance(read_table(path).columns[0], large_csv.ManyWritten)
+    assert isinstance(read_table(path).columns[0], many_cells.ManyTextCells)
 
 
 @pytest.mark.parametrize("row", ["1,2", "1,2,3,4", "1,2,x"])
@@ -118,7 +119,7 @@ def test_large_files_are_refused_as_small_ones(row, tmp_path, large, monkeypatch
     path = tmp_path / "recording.csv"
     path.write_text(EXPORTED + row + "\n")
     found = refused(path)
-    monkeypatch.setattr(large_csv, "LARGE", 10**9)
+    monkeypatch.setattr(csv_text, "LARGE", 10**9)
     assert found == refused(path) and found.startswith("row 5")
 
 
@@ -150,7 +151,7 @@ def test_parquet_faults(tmp_path):
     path = tmp_path / "recording.parquet"
     pl.DataFrame(DATA).write_parquet(path)
     path.write_bytes(path.read_bytes()[:-300])
-    assert refused(path).startswith("not a whole Parquet file (")
+    assert refused(path).startswith("not a complete Parquet file (")
     pl.DataFrame({"a": []}).write_parquet(path)
     assert refused(path).startswith("holds no rows of numbers")
     gaps = pl.DataFrame(DATA).with_columns(
@@ -250,7 +251,7 @@ def test_matlab_faults(tmp_path):
     assert refused(path).startswith("holds no vectors of numbers")
     savemat(path, DATA)
     path.write_bytes(path.read_bytes()[:700])
-    assert refused(path).startswith("not a whole MATLAB file (")
+    assert refused(path).startswith("not a complete MATLAB file (")
     savemat(path, {name.rstrip("_N"): values for name, values in DATA.items()} | {"T_tip": T[:9]})
     assert refused(path).startswith("no column T_tip_N; columns found:")
 
@@ -309,7 +310,7 @@ def test_ros_faults(tmp_path, monkeypatch):
     assert "no column T_base_N; columns found: time, /cells.force.x" in refused(path)
     broken = tmp_path / "broken.mcap"
     broken.write_bytes(b"\x89MCAP0\r\n" + bytes(100))
-    assert refused(broken).startswith("not a whole recording of ROS (")
+    assert refused(broken).startswith("not a complete recording of ROS (")
     assert refused(tmp_path).startswith("a folder, and no bag of ROS 2")
     monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
     assert refused(path) == "a recording of ROS; pip install 'gtr-jax[ros]', or export its topics as CSV"
@@ -393,9 +394,10 @@ def test_a_bag_of_very_many_numbers(tmp_path, monkeypatch):
 
 def test_a_reader_may_take_so_much_memory_only(monkeypatch):
     pytest.importorskip("resource")
-    with pytest.raises(InputError, match="expands to more than 4 GiB; export fewer columns"):
-        read_in_subprocess(taken, 8 << 30)
-    assert read_in_subprocess(taken, 8) == 8
+    said = {"path": Path("big.mat"), "intact": "a whole file", "remedy": "save it again"}
+    with pytest.raises(InputError, match=r"^big\.mat: expands to more than 4 GiB; export fewer"):
+        read_in_subprocess(taken, 8 << 30, **said)
+    assert read_in_subprocess(taken, 8, **said) == 8
 
 
 def taken(size):

@@ -25,7 +25,7 @@ from design.target import load_target, target_text
 from gtr_jax.config.config import config_text, load_config
 from gtr_jax.errors import InputError
 from gtr_jax.recordings.columns import read_columns, write_columns
-from gtr_jax.recordings.formats import large_csv
+from gtr_jax.recordings.formats import csv_text, many_cells
 from gtr_jax.recordings.formats.table import read_table
 from gtr_jax.recordings.recording import read_recording
 from gtr_jax.robot.build import load_robot
@@ -395,11 +395,11 @@ def read_both_ways(number: int, folder: Path, monkeypatch) -> None:
         path.write_bytes(spoilt(rng.choice(READERS["recording"][1]), rng))
         said = []
         for least in (10**9, 0):
-            monkeypatch.setattr(large_csv, "LARGE", least)
+            monkeypatch.setattr(csv_text, "LARGE", least)
             try:
                 table = read_table(path)
                 said.append(as_text(table))
-                read_large += isinstance(table.columns[0], large_csv.ManyWritten)
+                read_large += isinstance(table.columns[0], many_cells.ManyTextCells)
             except InputError as fault:
                 said.append(str(fault))
         assert said[0] == said[1], (seed, path.read_bytes())
@@ -408,8 +408,8 @@ def read_both_ways(number: int, folder: Path, monkeypatch) -> None:
 
 @pytest.mark.parametrize("number", [200, pytest.param(FORMAT_MUTANTS, marks=pytest.mark.slow)])
 def test_mutants_are_read_as_large_files_as_they_are_as_small_ones(number, folder, monkeypatch):
-    monkeypatch.setattr(large_csv, "_HEAD", 4)
-    monkeypatch.setattr(large_csv, "_FIRST", 2)
+    monkeypatch.setattr(csv_text, "_HEAD", 4)
+    monkeypatch.setattr(many_cells, "_FIRST", 2)
     read_both_ways(number, folder, monkeypatch)
 
 

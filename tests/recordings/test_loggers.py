@@ -19,7 +19,7 @@ from gtr_jax.errors import InputError
 from gtr_jax.inspection.inspection import inspect
 from gtr_jax.inspection.mapping import mapping as mapping_of
 from gtr_jax.recordings.columns import read_columns
-from gtr_jax.recordings.formats import expansion, large_csv
+from gtr_jax.recordings.formats import csv_text, expansion
 from gtr_jax.recordings.formats.table import read_table
 from gtr_jax.recordings.guessing import guess
 from gtr_jax.recordings.recording import read_recording
@@ -102,8 +102,8 @@ MARKS = {
 @pytest.mark.parametrize("row", MARKS)
 def test_a_row_of_words_inside_a_recording_is_refused(row, large, tmp_path, monkeypatch):
     if large:
-        monkeypatch.setattr(large_csv, "LARGE", 0)
-        monkeypatch.setattr(large_csv, "_HEAD", 4)
+        monkeypatch.setattr(csv_text, "LARGE", 0)
+        monkeypatch.setattr(csv_text, "_HEAD", 4)
     lines = ["time_s,T_base_N,T_tip_N", *(f"{i},{i}.5,{i}.25" for i in range(60))]
     for place, more in ((30, []), (30, [*lines[30:]]), (1, ["OVL,OVL,OVL"])):
         if place == 1 and row != "OVL,OVL,OVL":
@@ -119,8 +119,8 @@ def test_a_row_of_words_inside_a_recording_is_refused(row, large, tmp_path, monk
 def test_tables_of_as_many_columns_are_refused(large, tmp_path, monkeypatch):
     """They may be parts of one recording; of another width they are not."""
     if large:
-        monkeypatch.setattr(large_csv, "LARGE", 0)
-        monkeypatch.setattr(large_csv, "_HEAD", 4)
+        monkeypatch.setattr(csv_text, "LARGE", 0)
+        monkeypatch.setattr(csv_text, "_HEAD", 4)
     rows = "".join(f"{i},{i}.5,{i}.25\n" for i in range(30))
     first = f"time_s,T_base_N,T_tip_N\n{rows}"
     for header, of in (
@@ -194,7 +194,7 @@ def test_lines_that_are_no_readings_are_left_out_and_said(tmp_path):
     lines = [f"{t} -> base: {i}.5, tip: {i}.25" for i, t in enumerate(STAMPS)]
     lines[7] += "\noverflow"
     table = read_table(written(tmp_path, "\n".join(lines)))
-    assert table.notes == ("1 line that is no reading is left out: 9",) and len(table.numbers) == 40
+    assert table.notes == ("1 line that is not a reading is left out: 9",) and len(table.numbers) == 40
     assert table.units == []
     for i in range(20, 30):
         lines[i] += "\noverflow"
@@ -303,7 +303,7 @@ def test_tdms(tmp_path):
     assert refused(path) == "no channel of this TDMS file holds numbers; at least one is needed"
     sound = (LOGGERS / "raw1.tdms").read_bytes()
     path.write_bytes(sound[:40] + 100 * b"\xff" + sound[140:])
-    assert refused(path).startswith("not a whole TDMS file (")
+    assert refused(path).startswith("not a complete TDMS file (")
 
 
 # Workbooks and compressed files
@@ -355,9 +355,9 @@ def test_workbooks_that_are_none(tmp_path):
     workbook(path, {"S": [["a", "b"]]})
     assert refused(path).startswith("no sheet of this workbook holds rows of numbers")
     path.write_bytes(path.read_bytes()[:-200])
-    assert refused(path).startswith("not a whole workbook or archive (")
+    assert refused(path).startswith("not a complete workbook or archive (")
     path.write_bytes(b"\xd0\xcf\x11\xe0" + bytes(600))
-    assert refused(path).startswith("not a whole workbook, or one of too many cells (")
+    assert refused(path).startswith("not a complete workbook, or one of too many cells (")
 
 
 def test_a_workbook_of_two_cells_far_apart(tmp_path):
@@ -365,7 +365,7 @@ def test_a_workbook_of_two_cells_far_apart(tmp_path):
     book = openpyxl.Workbook()
     book.active["A1"], book.active["XFD1048576"] = "T_base_N", 1.0
     book.save(tmp_path / "r.xlsx")
-    assert refused(tmp_path / "r.xlsx").startswith("not a whole workbook, or one of too many cells (")
+    assert refused(tmp_path / "r.xlsx").startswith("not a complete workbook, or one of too many cells (")
 
 
 def test_compressed_files(tmp_path):
@@ -376,7 +376,7 @@ def test_compressed_files(tmp_path):
         assert table.header == plain.header and table.path == path
         np.testing.assert_array_equal(table.column(1), plain.column(1))
     path.write_bytes(path.read_bytes()[:-9])
-    assert refused(path).startswith("not a whole gzip file (")
+    assert refused(path).startswith("not a complete gzip file (")
 
 
 def test_compressed_files_of_endless_zeros(tmp_path, monkeypatch):
@@ -479,7 +479,7 @@ def test_rows_that_are_logged_several_times_are_no_stuck_cell(stamped):
     assert abs(stretch.where.first - begin) < 10 and abs(stretch.where.last - end) < 10
 
 
-# What is no tension
+# What is not a tension
 
 
 def test_clocks_and_displacements_are_no_tensions(tmp_path):

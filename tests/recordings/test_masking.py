@@ -74,7 +74,7 @@ def test_glitches_that_are_kept(tmp_path):
     base, tip = spoilt()
     path = recorded(tmp_path, base, np.where(tip > 100, 20.0, tip))
     recording = read_recording(path, keep_glitches=True)
-    assert [m.rows for m in recording.masked] == [(152, 152)]  # what is no number cannot be kept
+    assert [m.rows for m in recording.masked] == [(152, 152)]  # what is not a number cannot be kept
     assert recording.T_base.max() > 30
     mapping = tmp_path / "columns.toml"
     write_columns(mapping, {"T_base": "T_base_N"}, keep_glitches=True)
@@ -111,15 +111,15 @@ def test_too_many_empty_cells(tmp_path):
 
 
 DROPS = {
-    "12.5-13": "no stretch FROM:TO; write for example '12.5 s:13 s'",
-    "": "no stretch FROM:TO",
-    "1:2:3": "no stretch FROM:TO",
+    "12.5-13": "is not a stretch FROM:TO; write for example '12.5 s:13 s'",
+    "": "is not a stretch FROM:TO",
+    "1:2:3": "is not a stretch FROM:TO",
     "2:1": "ends before it begins",
     "1 m:2 m": "'m' is not a unit of a time",
     "one:two": "cannot read 'one' as a time",
     "nan:2": "cannot read 'nan' as a time",
     "5:6": "holds no sample; the recording goes from 0 s to 2.99 s",
-    ":": "no stretch FROM:TO",
+    ":": "is not a stretch FROM:TO",
     ":9": None,
 }
 
@@ -221,7 +221,7 @@ MAPPINGS = {
     "columns no table": (MAPPING, 'schema = 1\ncolumns = "a"', "columns: expected a table"),
     "no truth": ("= true", "= 1", "clean.keep_glitches: expected true or false, found '1'"),
     "no list": ('["1 s:2 s"]', '"1 s:2 s"', "clean.drop: expected a list of stretches"),
-    "no stretch": ("1 s:2 s", "1 s", "--drop '1 s': no stretch FROM:TO"),
+    "no stretch": ("1 s:2 s", "1 s", "--drop '1 s': is not a stretch FROM:TO"),
     "not TOML": ("[columns]", "[columns", "not TOML"),
     "empty": (MAPPING, "", "the file is empty"),
 }

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from gtr_jax.errors import InputError
-from gtr_jax.recordings.recording import LARGE, Recording, read_recording, write_recording
+from gtr_jax.recordings.formats.csv_writing import MANY
+from gtr_jax.recordings.recording import Recording, read_recording, write_recording
 
 SHARED = Path(__file__).parents[3] / "shared/data"
 GIRAFFE = SHARED / "giraffe/loadcell_measurements.csv"
@@ -280,7 +281,7 @@ FAULTS = {
     "parted by blanks": (
         GOOD.replace(",", " "),
         None,
-        "blanks part its numbers; part the cells with commas, semicolons or tabs",
+        "blanks separate its numbers; separate the cells with commas, semicolons or tabs",
     ),
     "no header": (
         "0,0,0\n1,10,6\n",
@@ -292,7 +293,7 @@ FAULTS = {
     "workbook": (
         b"PK\x03\x04\x14\x00",
         None,
-        "not a whole workbook or archive (File is not a zip file); export it again",
+        "not a complete workbook or archive (File is not a zip file); export it again",
     ),
     "stroke between digits": (
         GOOD.replace("1,10", "1,1_0"),
@@ -397,11 +398,15 @@ FAULTS = {
         "T_base=T_bas_N[gf]",
         "--columns: no column 'T_bas_N' for T_base; did you mean 'T_base_N'?",
     ),
-    "mapping twice": (GOOD, "T_base=T_base_N,T_base=T_tip_N", "--columns: T_base is mapped twice; keep one"),
+    "mapping twice": (
+        GOOD,
+        "T_base=T_base_N,T_base=T_tip_N",
+        "--columns: T_base is mapped twice; remove one",
+    ),
     "mapping doubled": (
         "a,a\n1,1\n",
         "T_base=a",
-        "--columns: column 'a' stands twice in the header; rename one",
+        "--columns: column 'a' is in the header twice; rename one",
     ),
 }
 
@@ -439,7 +444,7 @@ def test_written_recordings_read_back_exactly(tmp_path):
 
 def test_very_long_recordings_are_written_as_short_ones_are(tmp_path):
     rng = np.random.default_rng(0)
-    T_base = np.concatenate([10.0 ** rng.uniform(-9, 9, LARGE), [0.0, 1e22, 5e-324, 123456789.0]])
+    T_base = np.concatenate([10.0 ** rng.uniform(-9, 9, MANY), [0.0, 1e22, 5e-324, 123456789.0]])
     given = {"time": np.arange(float(len(T_base))), "T_base": T_base, "T_tip": 0.5 * T_base}
     write_recording(tmp_path / "a.csv", given)
     lines = (tmp_path / "a.csv").read_text().splitlines()

@@ -51,7 +51,7 @@ def test_markers_are_mapped(read):
 
 def test_what_is_no_rotation_is_refused(read):
     with pytest.raises(
-        gtr.InputError, match=r"rec\.csv: row 3, columns tip_qx.*length 1\.\d+ is no rotation"
+        gtr.InputError, match=r"rec\.csv: row 3, columns tip_qx.*length 1\.\d+ is not a rotation"
     ):
         read(POSE + ROWS.replace("0.92736", "1.4"))
     with pytest.raises(gtr.InputError, match=r"no column tip_qw"):

@@ -347,7 +347,7 @@ file = "h.csv"
     [
         ("mu,E[MPa\n0.3,1\n", "cannot read its unit"),
         ("mu,E[mm]\n0.3,1\n", "not a unit of a pressure"),
-        ("mu,mu\n0.3,0.3\n", "stands twice"),
+        ("mu,mu\n0.3,0.3\n", "is given twice"),
         ("mu,nu\n0.3,0.3\n", "no parameter 'nu'"),
         ("mu\n0.3\nnan\n", "expected a number"),
         ("mu\nnan\n", "holds no column of numbers"),
@@ -539,7 +539,7 @@ BAD = {
     "unknown output": ('"T_tip", ', '"T_tp", ', "unknown output 'T_tp'; did you mean 'T_tip'?"),
     "no output": ('"T_tip", "tip_pose", "T_base_switch", "displacement"', "", "outputs: is empty"),
     "unknown parameter": ('"tendon.friction_coefficient"', '"tendon.fricton_coefficient"', "did you mean"),
-    "twice": ("E = {", "mu = {", "stands twice"),
+    "twice": ("E = {", "mu = {", "is given twice"),
     "wrong unit": ('"0.8 MPa"', '"0.8 mm"', "vary.E.from: 'mm' is not a unit of a pressure"),
     "no unit": ('"0.8 MPa"', '"0.8"', "carries no unit"),
     "negative": ("from = 0.1", "from = -0.1", "must be at least 0, is -0.1"),
@@ -605,7 +605,7 @@ def test_the_command_from_parts_to_report(tmp_path, capsys, monkeypatch):
     assert not out.exists()
     last = run_gtr(capsys, "sweep", file, "-o", out)
     assert last.status == 0, last.err
-    assert "going on: 3 blocks are there already" in last.err
+    assert "resuming the interrupted run: 3 blocks are there already" in last.err
     assert "15 of 15 points converged" in last.out
     data = open_sweep(out)
     assert np.all(data.result == 0)

@@ -56,7 +56,7 @@ def test_a_term_of_ones_own_passes():
     [
         (changed(id="wear"), "there is a term of this name already; give it another id"),
         (changed(id="law"), "there is a term of this name already"),
-        (changed(id="My Drag"), "is no name of a term; write small letters"),
+        (changed(id="My Drag"), "is not a valid name of a term; write small letters"),
         (changed(quantities=()), "needs quantities, of which one at least is a size"),
         (
             changed(quantities=(dataclasses.replace(SIZE, unit="furlong"),)),
@@ -67,7 +67,7 @@ def test_a_term_of_ones_own_passes():
             "must lie within its bounds, and usual",
         ),
         (changed(quantities=(dataclasses.replace(SIZE, null=-1.0),)), "must lie within its bounds"),
-        (changed(quantities=(SIZE, SIZE)), "'size' is no name of a number of its own"),
+        (changed(quantities=(SIZE, SIZE)), "'size' is not a valid name of a number of its own"),
         (with_hook(), "has no hook, so that it does nothing; give it one of friction, by_pressure"),
         (with_hook(mobilise=lambda p, s, m: (s, m)), "'mobilise' is open to the terms of the catalogue only"),
         (changed(event=True), "'event' is open to the terms of the catalogue only"),

@@ -192,10 +192,10 @@ WRONG = {
         "no tendon 'up'; one of left, right",
     ),
     "of the body": ([{"kind": "stiffening", "coefficient": 1e-4, "tendon": "left"}], "acts on the body"),
-    "twice": (2 * [{"kind": "tip-gain", "gain": 1.1, "tendon": "left"}], "stands twice; keep one"),
+    "twice": (2 * [{"kind": "tip-gain", "gain": 1.1, "tendon": "left"}], "is given twice; remove one"),
     "all and one": (
         [{"kind": "tip-gain", "gain": 1.1}, {"kind": "tip-gain", "gain": 1.2, "tendon": "left"}],
-        "stands twice; keep one, or give each a tendon of its own",
+        "is given twice; remove one, or give each a tendon of its own",
     ),
 }
 

@@ -1,1 +1,1 @@
-"""A diagnosis as it is stored and told."""
+"""A diagnosis as it is stored and put into words."""

@@ -30,7 +30,7 @@ def earlier_set(folder: Path) -> list[tuple[tuple[str, ...], float]]:
         sets = [tuple(terms) for terms in answer["confusion_set"]]
         rivals = [(tuple(kinds(r["names"])), float(r["probability"])) for r in answer["rivals"]]
     except (OSError, ValueError, KeyError, TypeError):
-        raise InputError(f"--settles {folder}: is no run folder of gtr diagnose; give one") from None
+        raise InputError(f"--settles {folder}: is not a run folder of gtr diagnose; give one") from None
     if len(sets) < 2:
         raise InputError(
             f"--settles {folder}: that diagnosis left no rivals (its verdict is '{answer.get('verdict')}'); "
@@ -39,7 +39,7 @@ def earlier_set(folder: Path) -> list[tuple[tuple[str, ...], float]]:
     return [(own, _share(own, rivals)) for own in sets]
 
 
-def settled(folder: str, earlier: Sequence[tuple[tuple[str, ...], float]], answer: Diagnosis) -> Settled:
+def settle(folder: str, earlier: Sequence[tuple[tuple[str, ...], float]], answer: Diagnosis) -> Settled:
     """What a new diagnosis says of the rivals of an earlier one.
 
     Args:

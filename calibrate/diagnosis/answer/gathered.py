@@ -87,7 +87,9 @@ def gathered(
     variants = []
     if alone and len(decision.confusion) > len(confusion):
         told = " or ".join(" + ".join(names) for names in decision.confusion)
-        variants = [f"Which of these it is, where or in which form, is not told: {told}."]
+        variants = [
+            f"The recordings do not show which of these it is, where it acts or in which form: {told}."
+        ]
     files, faults = robot_files(decision, after, refitted, differ, config, fine, laws)
     diagnosis = Diagnosis(
         verdict=verdict,

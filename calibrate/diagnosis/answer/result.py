@@ -76,7 +76,7 @@ class Diagnosis:
         rest: the same for the model that is shown.
         parameters: numbers before and after.
         unit: SI unit of what is explained: N of tip tensions; m or rad where none was recorded.
-        rms, held_out: residual of what is explained before and after; see `heldout.held_out`.
+        rms, held_out: residual of what is explained before and after; see `held_out.held_out`.
         noise: standard deviation of its noise, with the base cell's noise passed on to it.
         expected: expected rms residual: `noise` and the error of the mesh.
         left, base_left: structure left by the model shown, and by the base model: size in standard deviations

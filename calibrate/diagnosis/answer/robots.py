@@ -100,7 +100,7 @@ def robot_files(
         try:
             robot = _diagnosed(config, model, recording, fine, laws)
         except (InputError, KeyError) as fault:
-            warnings.append(f"What was found does not make a robot file: {fault}.")
+            warnings.append(f"What was found cannot be written as a robot file: {fault}.")
             continue
         found.append(
             RobotFile(
@@ -148,12 +148,12 @@ def _note(
     sentences = []
     if not file.settled:
         each = dict.fromkeys(f"{holds(f)} (probability {f.probability:.2f})" for f in files[1:])
-        sentences.append(f"Not settled: these recordings do not tell which is missing, {' or '.join(each)}.")
+        sentences.append(f"Not settled: these recordings cannot tell which is missing, {' or '.join(each)}.")
         sentences.append(f"This file holds {holds(file)}.")
     if differ:
         names = " and ".join(d.name for d in differ)
         sentences.append(f"{names} differ{'s' if len(differ) == 1 else ''} between the recordings.")
-        sentences.append(f"This file has what fits {file.recording}.")
+        sentences.append(f"This file has the values that fit {file.recording}.")
     others = [f.name for f in files if f is not file]
     if sentences and file is files[0]:
         sentences.append(f"One for each: {', '.join(others)}.")

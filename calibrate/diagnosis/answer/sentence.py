@@ -48,7 +48,7 @@ def difference_in_words(d: Diagnosis, difference: Difference) -> str:
         return f"{shown} in {recording}"
 
     parts = [" and ".join(map(value_in, group)) for group in difference.groups]
-    apart = f"{difference.standard_errors:.0f} standard errors, what is unknown of all alike left out"
+    apart = f"{difference.standard_errors:.0f} standard errors, without what is uncertain of all alike"
     words = f"{difference.name} differs between the recordings: {', but '.join(parts)} ({apart})."
     others = [f"{name} that differs" for name in difference.or_numbers]
     others += [f"{name} in all of them" for name in difference.or_effects]
@@ -142,7 +142,7 @@ def _left_out(d: Diagnosis) -> str:
     if outside:
         size = float(np.sqrt(np.average([e.size**2 for e in outside], weights=[e.samples for e in outside])))
         words += (
-            " Left out of the fit, because the tip moves there as the base cannot have moved it: "
+            " Left out of the fit, because the tip moves there in a way that the base cannot have caused: "
             f"{', '.join(map(which, outside))}; simulated and recorded T_tip differ by {size:.2g} N rms "
             "there."
         )
@@ -242,12 +242,12 @@ def _of_physics(d: Diagnosis, chosen: tuple[str, ...]) -> str:
     stays = ""
     if structured(d.left):
         stays = (
-            f" Structure of {d.left[0]:.2g} standard deviations of the noise stays: a law is not quite "
+            f" Structure of {d.left[0]:.2g} standard deviations of the noise remains: a law is not quite "
             "right, or something more is missing."
         )
     if d.verdict == AMBIGUOUS:
         sets = " or ".join(sets_in_words(d.confusion_set))
-        return f"Missing is {sets}: these recordings do not tell which.{better}{moved}{stays}"
+        return f"Missing is {sets}: these recordings cannot tell which.{better}{moved}{stays}"
     effects = "; ".join(d.catalogue[kind].says.rstrip(".") for kind in d.named)
     sure = "above 0.99" if d.named_probability > 0.99 else f"{d.named_probability:.2f}"
     return f"Missing: {' and '.join(d.named)} (probability {sure}). {effects}: {sizes}.{better}{moved}{stays}"

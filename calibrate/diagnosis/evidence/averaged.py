@@ -1,6 +1,6 @@
 """Intervals that know what could be missing: numbers averaged over models.
 
-An interval under one model says nothing of effects that the recordings cannot show. Such an effect may be
+An interval under one model says nothing about effects that the recordings cannot show. Such an effect may be
 as large as its prior allows, and mu and E then differ from those of the model by what hides it. So the
 distribution of each number is averaged (Hoeting et al. 1999): over the model that is shown, its rivals and
 the base model, each with its probability, and over each other effect beside the model that is shown, with
@@ -152,7 +152,7 @@ def averaged(
         marginals: the model that is shown, its rivals and the base model with all that is uncertain fitted
             jointly, by names of the effects.
         leaves: whether the model that is shown leaves structure beyond the noise, which then counts as an
-            error of unknown cause: an effect that nibbles at it must not gain odds.
+            error of unknown cause: an effect that removes little of it must not gain odds.
     """
     rng = np.random.default_rng(0)
     shown = marginals[chosen.names]
@@ -281,7 +281,7 @@ def _tried(
         step = TRIED if high[i] >= TRIED else -TRIED
         x = np.concatenate([chosen.x, np.zeros(len(h.numbers))])
         x[p + i] = step
-        # With the mesh's correction of the model itself: the difference of two corrections is no effect.
+        # With the mesh's correction of the model itself: the difference of two corrections is not an effect.
         seen = likelihood.simulate(model.values(x), chosen.names)
         if seen is None or sum(s.failed for s in seen) > chosen.failed:
             return None
@@ -328,7 +328,7 @@ def _gaussian(
     posterior and of the prior within the bounds, taken size by size.
 
     Args:
-        bench, chosen: the recordings, and the model.
+        likelihood, chosen: the recordings, and the model.
         h: the effect.
         prior: odds of the effect before anything is seen.
         scale: variance of the white residuals.

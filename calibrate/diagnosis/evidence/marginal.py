@@ -38,7 +38,7 @@ class Marginal:
     """A model with all uncertain numbers fitted jointly.
 
     Attributes:
-        bench: the recordings, with the uncertain dimensions among the numbers that are fitted.
+        likelihood: the recordings, with the uncertain dimensions among the numbers that are fitted.
         fitted: the fit; its numbers are mu, E, the dimensions and those of the effects.
         covariance: of its coordinates, (p, p).
         made_of: share of the variance of each coordinate by source, p of them.
@@ -88,9 +88,9 @@ def jointly(models: Models, fitted: Fitted, finer: float) -> Marginal:
     standard deviation of either.
 
     Args:
-        models: all samples on the bench, corrected to a fine mesh.
+        models: of all samples, corrected to a fine mesh.
         fitted: the model.
-        finer: number of intervals of that mesh over that of the bench.
+        finer: number of intervals of that mesh over that of the likelihood's.
 
     Returns:
         The fit; as the search left it where no better one is found.

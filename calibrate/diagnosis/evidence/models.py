@@ -31,7 +31,7 @@ class Models:
     """All models refitted so far, and how probable they are.
 
     Args:
-        bench: the recordings.
+        likelihood: the recordings.
         hypotheses: the catalogue.
     """
 

@@ -1,4 +1,4 @@
-"""Errors due to the mesh and the few samples of a bench, and the correction of the bench for them."""
+"""Errors due to the mesh and the few samples of a likelihood, and its correction for them."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ def refine(
     fine: Sequence[SimulatedRig],
     kept: Sequence[np.ndarray] | None = None,
 ) -> Likelihood:
-    """The bench with corrections for its mesh and samples, computed for some models.
+    """The likelihood with corrections for its mesh and samples, computed for some models.
 
     Args:
-        bench: to correct.
+        likelihood: to correct.
         models: all models.
         wanted: models to correct for: by names of hypotheses, a fit that has their values.
         fine: all samples, on a fine mesh.
-        kept: indices of the samples on the bench; all unless given.
+        kept: indices of the samples in the likelihood; all unless given.
     """
 
     def correction(item):

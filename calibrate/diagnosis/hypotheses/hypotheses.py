@@ -396,7 +396,7 @@ def base_numbers(robot: Robot, deviations: Mapping[str, float]) -> tuple[Number,
 
 def instrument_numbers(part: Observation) -> tuple[Number, ...]:
     """What the instruments of a rig always add, little of it: a delay between the cells, and drifts of their
-    zeros. Long recordings show it, and every hypothesis fits it beside mu and E: it is no effect that is
+    zeros. Long recordings show it, and every hypothesis fits it beside mu and E: it is not an effect that is
     missing, and must not pass for one.
 
     Args:

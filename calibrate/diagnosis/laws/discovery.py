@@ -44,12 +44,12 @@ from .forms import (
     usual_size,
     waves,
 )
-from .places import Place, largest_tip, places
+from .places import LawPlace, largest_tip, places
 
 # Hooks and variables that are felt besides where a number of the model is so many times what fits best: a
 # cell that shows too little makes friction too large, a body that stiffens makes E too large, and to first
 # order from there the right law promises little.
-FELT_AT = (
+PROBED_AT = (
     (("tip_cell", "T"), is_friction, (0.35, 0.5, 0.65, 0.8, 1.25, 1.6)),
     (("bending", "k"), is_stiffness, (0.5, 0.7, 1.4)),
 )
@@ -96,7 +96,7 @@ class Felt(NamedTuple):
             followed, to first order.
     """
 
-    place: Place
+    place: LawPlace
     gram: np.ndarray
     toward: np.ndarray
     moved: np.ndarray
@@ -108,7 +108,7 @@ class Felt(NamedTuple):
 class LawCandidate(NamedTuple):
     """A form at a place, or a smooth law (no form), with what it promises and where to fit it from."""
 
-    place: Place
+    place: LawPlace
     form: Form | None
     score: float
     law: Law
@@ -117,7 +117,7 @@ class LawCandidate(NamedTuple):
 
     @property
     def transient(self) -> bool:
-        """Whether it tells of what happens once, at some time."""
+        """Whether it describes what happens once, at some time."""
         return self.form is not None and _is_transient(self.place, self.form)
 
 
@@ -136,17 +136,17 @@ class Discovery:
             where these act.
         takes: share of the misfit beyond the noise that it takes on unseen samples.
         pieces: whether the unseen samples are short pieces that alternate with those fitted; as of
-            `heldout.folds`.
+            `held_out.folds`.
     """
 
     models: Models
     fitted: Fitted
-    place: Place
+    place: LawPlace
     law: Law
     form: Form | None
     laws: dict[str, Law]
     possible: list[tuple[str, ...]]
-    possible_places: list[Place]
+    possible_places: list[LawPlace]
     takes: float
     pieces: bool
 
@@ -158,7 +158,7 @@ def with_laws(robot: Robot, laws: Sequence[Law]) -> Robot:
     return dataclasses.replace(robot, laws=(*robot.laws, *laws), terms={**robot.terms, **more})
 
 
-def _bench_with(likelihood: Likelihood, laws: Sequence[Law]) -> Likelihood:
+def _likelihood_with(likelihood: Likelihood, laws: Sequence[Law]) -> Likelihood:
     """The same recordings, of a robot that may have more laws."""
     rigs, known = [], {}
     for rig in likelihood.rigs:
@@ -179,7 +179,7 @@ def discover(models: Models, head: Fitted, progress: Callable[[str], None]) -> D
         head: the model that leaves structure.
         progress: called with a line at each stage.
     """
-    progress("asking where a law that no catalogue holds would act")
+    progress("looking for where a law outside the catalogue would act")
     ranked = _ranked(feel(models, head))
     wider, candidates = _fitted(models, head, ranked[:PLACES], progress)
     unseen = Unseen(wider)
@@ -203,7 +203,7 @@ def _others(models: Models, head: Fitted, rest: Sequence[Ranked]) -> list[Ranked
     every = list(itertools.chain(*candidates))
     if not every:
         return []
-    likelihood = _bench_with(models.likelihood, [of[0].law for of in candidates])
+    likelihood = _likelihood_with(models.likelihood, [of[0].law for of in candidates])
     own = models.hypotheses(head.names)
     items = [((*own, c.hypothesis), Start(c.start, {})) for c in every]
     costs = {f.names[-1]: f.cost for f in raced(likelihood, head, items, BEGIN)}
@@ -275,12 +275,12 @@ def distilled(wider: Models, head: Fitted, candidates: Sequence[LawCandidate]) -
     return found
 
 
-def _short_forms(place: Place, u: np.ndarray, g: np.ndarray):
+def _short_forms(place: LawPlace, u: np.ndarray, g: np.ndarray):
     """What is left of a curve g(u) by each form that looks like it, the form, and its level, size and shapes
     as in a grid; the nearest first. A constant that the curve has beside the form is its level.
     """
     found = []
-    # What does not change with the variable is no part of these laws.
+    # What does not change with the variable is not a part of these laws.
     centred = place.acts not in ALONE
     for form in forms_for(place):
         best, most = None, LARGEST * usual_size(place, form)
@@ -301,7 +301,7 @@ def _short_forms(place: Place, u: np.ndarray, g: np.ndarray):
     return sorted(found, key=lambda entry: entry[0])
 
 
-def _levelled(wider: Models, place: Place, base: np.ndarray, level: float) -> np.ndarray:
+def _levelled(wider: Models, place: LawPlace, base: np.ndarray, level: float) -> np.ndarray:
     """Coordinates of a model's numbers once its friction has taken the level of a law."""
     if place.acts != "friction":
         return base
@@ -340,30 +340,32 @@ def _nearest(
 
 
 def _with_candidates(models: Models, candidates: Sequence[LawCandidate]) -> Models:
-    """The models on a bench that knows the laws, and those of the other forms at their places."""
+    """The models with a likelihood that knows the laws, and those of the other forms at their places."""
     every = [(c.law, c.hypothesis) for c in candidates]
     for place in {c.place.name: c.place for c in candidates}.values():
         every += [(law_of(place, form)[0], hypothesis_of(place, form)) for form in forms_for(place)]
     laws, new = {law.name: law for law, _ in every}, {law.name: h for law, h in every}
-    wider = Models(_bench_with(models.likelihood, list(laws.values())), [*models.of.values(), *new.values()])
+    wider = Models(
+        _likelihood_with(models.likelihood, list(laws.values())), [*models.of.values(), *new.values()]
+    )
     wider.add(list(models.fits.values()))
     return wider
 
 
 def feel(models: Models, head: Fitted) -> list[Felt]:
     """How the readings respond to tents at every place; at some also where friction or the stiffness of the
-    body is another than fits best without a law (`FELT_AT`).
+    body is another than fits best without a law (`PROBED_AT`).
     """
     robot, here = models.likelihood.rigs[0].robot, Point(head.values, head.seen, head.rows)
     spots = [(place, head.x, here) for place in places(robot, models.likelihood, here)]
     tents = [place.tent() for place, *_ in spots]
     own = models.hypotheses(head.names)
     known = {(place.acts, place.of) for place, *_ in spots}
-    for there, moves, factors in FELT_AT:
+    for there, moves, factors in PROBED_AT:
         for x, point in _elsewhere(models.likelihood, head, own, moves, factors) if there in known else ():
             found = places(robot, models.likelihood, point)
             spots += [(place, x, point) for place in found if (place.acts, place.of) == there]
-    likelihood = _bench_with(models.likelihood, tents)
+    likelihood = _likelihood_with(models.likelihood, tents)
 
     def change(job: tuple[int, float]) -> np.ndarray | None:
         place, x, point = spots[job[0]]
@@ -372,7 +374,7 @@ def feel(models: Models, head: Fitted) -> list[Felt]:
         name, step = place.tent().name, FELT * place.size
         fixed = {f"{name}.at": job[1], f"{name}.width": float(place.tents[1] - place.tents[0])}
         tent = Hypothesis(name, name, (), (), {**fixed, f"{name}.{SIZE}": step})
-        # With the mesh's correction of the head: the difference of two corrections is no effect.
+        # With the mesh's correction of the head: the difference of two corrections is not an effect.
         seen = likelihood.simulate(model_of(likelihood.base, [*own, tent]).values(x), head.names)
         if seen is None or sum(s.failed for s in seen) > head.failed:
             return None
@@ -471,8 +473,8 @@ def _formed(
     return LawCandidate(place, form, score, law_of(place, form)[0], hypothesis_of(place, form), start)
 
 
-def _is_transient(place: Place, form: Form) -> bool:
-    """Whether a form there tells of what happens once, at some time."""
+def _is_transient(place: LawPlace, form: Form) -> bool:
+    """Whether a form there describes what happens once, at some time."""
     return place.of == "t" and form.name in TRANSIENT
 
 
@@ -634,12 +636,12 @@ def _refused(models: Models, candidate: LawCandidate, fitted: Fitted) -> str:
         v = np.linspace(candidate.place.low, candidate.place.high, SEEN_AT)
         least = min(fitted.values[n.name] for n in fitted.numbers if is_friction(n))
         if np.min(evaluate(law.tree, {**values, "v": v}, np)) < -least:
-            return "friction would push the tendon on"
+            return "friction would push the tendon forward"
     fault = robot.catalogue[law.name].fault
     return "" if fault is None else fault(values, float(robot.backbone.length))
 
 
-def _covered(likelihood: Likelihood, candidate: LawCandidate, fitted: Fitted) -> Place:
+def _covered(likelihood: Likelihood, candidate: LawCandidate, fitted: Fitted) -> LawPlace:
     """The place of a law with the range that its fit covers: the tension at the tip's cell is simulated."""
     place = candidate.place
     if (place.acts, place.of) != ("tip_cell", "T"):

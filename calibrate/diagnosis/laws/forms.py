@@ -14,7 +14,7 @@ from calibrate.diagnosis.hypotheses.hypotheses import Hypothesis
 from calibrate.inference.number import Number
 from gtr_jax.terms import Law
 
-from .places import Place
+from .places import LawPlace
 
 # Cosines of a smooth law, and of one of the place and of the time.
 SMOOTH, SMOOTH_ALONG = 6, 9
@@ -207,7 +207,7 @@ FORMS = (
 )
 
 
-def forms_for(place: Place) -> list[Form]:
+def forms_for(place: LawPlace) -> list[Form]:
     """The forms that a law may have there."""
     return [
         form
@@ -218,7 +218,7 @@ def forms_for(place: Place) -> list[Form]:
     ]
 
 
-def law_of(place: Place, form: Form) -> tuple[Law, dict[str, float]]:
+def law_of(place: LawPlace, form: Form) -> tuple[Law, dict[str, float]]:
     """The law of a form at a place, and those of its numbers that stay."""
     name = f"{place.name}-{form.name}"
     unit = "dimensionless" if form.slope else place.unit
@@ -233,7 +233,7 @@ def law_of(place: Place, form: Form) -> tuple[Law, dict[str, float]]:
     return place.law(name, form.text.format(x=place.argument), tuple(numbers)), stays
 
 
-def hypothesis_of(place: Place, form: Form) -> Hypothesis:
+def hypothesis_of(place: LawPlace, form: Form) -> Hypothesis:
     """A form at a place with all its numbers free."""
     law, stays = law_of(place, form)
     of_size = law.numbers[0]
@@ -243,7 +243,7 @@ def hypothesis_of(place: Place, form: Form) -> Hypothesis:
     return Hypothesis(law.name, law.name, numbers, starts=(), fixed=stays, dated=place.of == "t")
 
 
-def coordinates(place: Place, form: Form, size: float, shapes: Sequence[float]) -> np.ndarray:
+def coordinates(place: LawPlace, form: Form, size: float, shapes: Sequence[float]) -> np.ndarray:
     """Coordinates of the numbers of `hypothesis_of` for a size in `place.unit`, and shapes as in a grid."""
     h = hypothesis_of(place, form)
     values = [
@@ -253,27 +253,27 @@ def coordinates(place: Place, form: Form, size: float, shapes: Sequence[float]) 
     return np.asarray([n.at(v) for n, v in zip(h.numbers, values, strict=True)])
 
 
-def usual_size(place: Place, form: Form) -> float:
+def usual_size(place: LawPlace, form: Form) -> float:
     """Usual size of a form, in `place.unit`: of a slope over the whole range."""
     return place.span if form.slope else place.size
 
 
-def _per_size(place: Place, form: Form) -> float:
+def _per_size(place: LawPlace, form: Form) -> float:
     """By how much a form changes over the range for a size of one, in `place.unit`."""
     return place.span if form.slope else 1.0
 
 
-def _in_units(place: Place, shape: Shape, share: float) -> float:
+def _in_units(place: LawPlace, shape: Shape, share: float) -> float:
     return share if shape in (PHASE, POWER) else share * place.span
 
 
-def _usual(place: Place, shape: Shape) -> float:
+def _usual(place: LawPlace, shape: Shape) -> float:
     if shape is POWER:
         return 1.0
     return {PHASE: 0.0, EDGE: SUDDEN}.get(shape, 0.1 if shape.log else 0.5) * place.span
 
 
-def _of_shape(place: Place, law: str, shape: Shape) -> Number:
+def _of_shape(place: LawPlace, law: str, shape: Shape) -> Number:
     name = f"{law}.{shape.name}"
     if shape is PHASE:
         return _number(name, "dimensionless", 0.0, np.pi)
@@ -301,7 +301,7 @@ def _number(
     return Number(name=name, unit=unit, centre=centre, sd=sd, log=log, size=size, lower=lower)
 
 
-def waves(place: Place) -> range:
+def waves(place: LawPlace) -> range:
     """Waves over the range, in halves, of the cosines of the smooth law at a place: what does not change
     with the variable is left to the friction coefficient, to E and to the cells, but a drag and a response
     have it to themselves, and of viscous friction it is what grows with the speed.
@@ -311,13 +311,13 @@ def waves(place: Place) -> range:
     return range(first, first + many)
 
 
-def cosines(place: Place, u: np.ndarray) -> np.ndarray:
+def cosines(place: LawPlace, u: np.ndarray) -> np.ndarray:
     """The cosines of the smooth law at a place, (U, waves), at u in [0, 1], within their envelope."""
     envelope = ENVELOPES.get(place.acts, PLAIN)[1](u)
     return np.cos(np.pi * np.outer(u, waves(place))) * envelope[:, None]
 
 
-def smooth_of(place: Place) -> tuple[Law, Hypothesis]:
+def smooth_of(place: LawPlace) -> tuple[Law, Hypothesis]:
     """A law that may be any smooth function: a sum of `cosines` over the range, the j-th with a prior of one
     over j of the usual size.
     """

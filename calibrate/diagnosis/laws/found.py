@@ -67,7 +67,7 @@ class FoundLaw:
         smooth: whether it is a smooth curve of unknown form.
         takes: share of the misfit beyond the noise that it takes on unseen samples.
         pieces: whether the unseen samples are short pieces that alternate with those fitted; see
-            `heldout.folds`.
+            `held_out.folds`.
         x, y, lower, upper: the curve over the range that the recordings cover, with its 95 % band, (P,).
         possible: other hooks and variables that the recordings do not rule out.
     """

@@ -15,7 +15,7 @@ from calibrate.diagnosis.likelihood.likelihood import Likelihood
 from calibrate.diagnosis.likelihood.locate import cycles_of
 from calibrate.inference.channels import CHANNELS
 from calibrate.inference.number import OWN
-from calibrate.inference.predictor import SimulatedReadings
+from calibrate.inference.simulated_readings import SimulatedReadings
 from calibrate.inference.simulated_rig import friction_of
 from gtr_jax import Robot, equilibrium
 from gtr_jax.robot.stiffness import stiffness_of
@@ -52,7 +52,7 @@ RARE = 0.05
 
 
 @dataclasses.dataclass(frozen=True)
-class Place:
+class LawPlace:
     """A hook and a variable.
 
     Attributes:
@@ -158,12 +158,12 @@ class Place:
         )
 
 
-def places(robot: Robot, likelihood: Likelihood, at: Point) -> list[Place]:
+def places(robot: Robot, likelihood: Likelihood, at: Point) -> list[LawPlace]:
     """The hooks and variables of which the recordings can tell something.
 
     Args:
-        robot: on the bench's mesh, with the values of its file.
-        bench: the recordings.
+        robot: on the likelihood's mesh, with the values of its file.
+        likelihood: the recordings.
         at: a model of them, from which the ranges are taken.
     """
     known = {*friction_of(robot), *stiffness_of(robot)}
@@ -175,44 +175,44 @@ def places(robot: Robot, likelihood: Likelihood, at: Point) -> list[Place]:
     pressure = (tension[1:] * np.diff(wrap))[there] / np.diff(s)[there]
     length = float(robot.backbone.length)
     found = [
-        Place("friction", "T", 0.0, top, FRICTION, "dimensionless"),
-        Place("friction", "p", 0.0, float(pressure.max()), FRICTION, "dimensionless"),
-        Place("friction", "s", 0.0, length, FRICTION, "dimensionless"),
-        Place("base_cell", "T", 0.0, top, CELL * top, "N"),
+        LawPlace("friction", "T", 0.0, top, FRICTION, "dimensionless"),
+        LawPlace("friction", "p", 0.0, float(pressure.max()), FRICTION, "dimensionless"),
+        LawPlace("friction", "s", 0.0, length, FRICTION, "dimensionless"),
+        LawPlace("base_cell", "T", 0.0, top, CELL * top, "N"),
     ]
     at_tip = all(rig.part.tips for rig in likelihood.rigs)
     if at_tip:
         # A cell that reads too little ends below what is simulated.
         recorded = max(float(rig.part.T_tip.max()) for rig in likelihood.rigs)
         largest = max(recorded, largest_tip(likelihood, at.seen))
-        found.append(Place("tip_cell", "T", 0.0, largest, CELL * top, "N"))
-    found.append(Place("drag", "s", 0.0, length, DRAG * top / length, "N/m"))
+        found.append(LawPlace("tip_cell", "T", 0.0, largest, CELL * top, "N"))
+    found.append(LawPlace("drag", "s", 0.0, length, DRAG * top / length, "N/m"))
     if any("displacement" in rig.part.channels for rig in likelihood.rigs):
-        found.append(Place("strain", "T", 0.0, top, STRAIN, "dimensionless"))
+        found.append(LawPlace("strain", "T", 0.0, top, STRAIN, "dimensionless"))
     if not robot.backbone.rigid:
         bend = float(np.max(np.abs(np.asarray(pulled.curvature))))
-        found.append(Place("bending", "k", 0.0, bend, BENDING * bend, "1/m"))
-        found.append(Place("bending", "s", 0.0, length, BENDING, "dimensionless"))
+        found.append(LawPlace("bending", "k", 0.0, bend, BENDING * bend, "1/m"))
+        found.append(LawPlace("bending", "s", 0.0, length, BENDING, "dimensionless"))
     drawn = max(float(np.nanmax(seen.values[CHANNELS.index("displacement")])) for seen in at.seen)
     if drawn > 0:
-        found.append(Place("friction", "d", 0.0, drawn, FRICTION, "dimensionless"))
+        found.append(LawPlace("friction", "d", 0.0, drawn, FRICTION, "dimensionless"))
     times = [rig.part.time for rig in likelihood.rigs if rig.part.time is not None]
     if len(times) == len(likelihood.rigs):
         end = max(float(np.ptp(time)) for time in times)
-        found.append(Place("friction", "t", 0.0, end, FRICTION, "dimensionless"))
+        found.append(LawPlace("friction", "t", 0.0, end, FRICTION, "dimensionless"))
         if at_tip:
-            found.append(Place("tip_cell", "t", 0.0, end, CELL * top, "N"))
+            found.append(LawPlace("tip_cell", "t", 0.0, end, CELL * top, "N"))
         every = float(np.median(np.concatenate([np.diff(time) for time in times])))
         if every > 0 and at_tip and all(rig.part.samples <= RESPONDS for rig in likelihood.rigs):
             longest = (LAGS - 1) * every
-            found.append(Place("tip_response", "l", 0.0, longest, RESPONSE, "dimensionless"))
+            found.append(LawPlace("tip_response", "l", 0.0, longest, RESPONSE, "dimensionless"))
         fast = _fastest(times, at)
         if fast > 0:
-            found.append(Place("friction", "v", 0.0, fast, FRICTION, "dimensionless"))
-            found.append(Place("viscous", "v", 0.0, fast, VISCOUS, "dimensionless"))
+            found.append(LawPlace("friction", "v", 0.0, fast, FRICTION, "dimensionless"))
+            found.append(LawPlace("viscous", "v", 0.0, fast, VISCOUS, "dimensionless"))
     turns = max(int(cycles_of(rig.part.T_base.T_base)[-1]) for rig in likelihood.rigs)
     if turns >= 3:
-        found.append(Place("friction", "n", 0.0, float(turns), FRICTION, "dimensionless"))
+        found.append(LawPlace("friction", "n", 0.0, float(turns), FRICTION, "dimensionless"))
     there = {place.name: sum(law.name.startswith(place.name) for law in robot.laws) for place in found}
     return [
         dataclasses.replace(place, ending=f"-{there[place.name] + 1}" if there[place.name] else "")

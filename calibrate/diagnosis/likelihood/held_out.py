@@ -68,7 +68,7 @@ def by_fold(
     rows; zeros where the refit fails.
 
     Args:
-        bench: the recordings.
+        likelihood: the recordings.
         models: hypotheses, and their fit to everything, which says what is fitted beside them.
         pieces: as of `folds`.
     """

@@ -291,7 +291,7 @@ def mu_by_stratum(
     """Friction coefficient of the base model from parts of the samples, the rest as fitted.
 
     Args:
-        bench: the recordings.
+        likelihood: the recordings.
         fitted: the base model; mu of each tendon, or of each recording, is among its numbers.
         covariance: of its coordinates, (p, p): the uncertainty of the other numbers counts in the errors.
 

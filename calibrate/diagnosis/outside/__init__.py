@@ -1,1 +1,1 @@
-"""What comes from outside of the catalogue: episodes, disturbances, readings that stand."""
+"""What comes from outside of the catalogue: episodes, disturbances, readings that stand still."""

@@ -1,5 +1,5 @@
 """What happens to a rig from outside, found from its readings before any effect is tried: the tip tension
-moves faster than what the base does can move it; and gaps, behind which nobody knows what friction holds.
+moves faster than what the base does can move it; and gaps, after which nobody knows what friction holds.
 
 A tendon with friction passes on changes of its base tension with a slope that the model knows roughly (more
 than one where it is let go), and holds them back in between. If the tip tension rises within half a second
@@ -17,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import median_filter
 
-from calibrate.inference.predictor import SimulatedReadings
 from calibrate.inference.setup import Observation
+from calibrate.inference.simulated_readings import SimulatedReadings
 from gtr_jax.recordings.signals import differences
 from gtr_jax.recordings.signals.differences import MAD_TO_SD
 
@@ -44,7 +44,7 @@ APART = 0.5
 # Quantile of the slopes of the model that counts as its largest.
 LARGEST = 0.995
 # A tendon is slack below this share of the largest base tension; a gap counts if the base tension, as fast as
-# within so long before and behind it [s], may have moved by this share of its largest meanwhile.
+# within so long before and after it [s], may have moved by this share of its largest meanwhile.
 SLACK, NEARBY, COUNTS = 0.02, 1.0, 0.01
 # Shortest gap, and time over which rates are taken [s].
 SHORTEST = 0.1
@@ -57,8 +57,8 @@ def disturbances(
     part: Observation, thinned: Observation, seen: SimulatedReadings, slope: np.ndarray, delay: float = 0.0
 ) -> list[Stretch]:
     """Stretches of a recording in which the tip tension moves as the base tension cannot move it, each up to
-    where the tendon has forgotten it. A change that begins off the simulation and ends on it is none: the tip
-    caught up, as it does when static friction breaks.
+    where the tendon has forgotten it. A change that begins away from the simulation and ends on it is not
+    counted: the tip caught up, as it does when static friction breaks.
 
     Args:
         part: the recording, with time, of one tendon that tension drives.
@@ -90,7 +90,7 @@ def disturbances(
 
 
 def behind_gaps(part: Observation, thinned: Observation, seen: SimulatedReadings) -> list[Stretch]:
-    """Stretches behind gaps of a recording, each up to where the tendon has forgotten what it did in the gap;
+    """Stretches after gaps of a recording, each up to where the tendon has forgotten what it did in the gap;
     arguments as of `disturbances`. None where the base tension hardly moves or the tendon is slack.
     """
     if part.time is None or _step(part.time) <= 0:
@@ -111,7 +111,7 @@ def behind_gaps(part: Observation, thinned: Observation, seen: SimulatedReadings
             continue
         if part.counted[k + 1]:
             last = _forgotten(part, met, k + 1)
-            why = f"behind a gap of {steps[k]:.2g} s in the recording, in which the load is not known"
+            why = f"after a gap of {steps[k]:.2g} s in the recording, in which the load is not known"
             found.append(Stretch(int(part.places[k + 1]), last, why))
     return found
 
@@ -192,7 +192,7 @@ def _met(thinned: Observation, seen: SimulatedReadings) -> np.ndarray:
 
 
 def _forgotten(part: Observation, met: np.ndarray, last: int) -> int:
-    """Place of the first of those in `met` behind sample `last`; the end of the recording without one."""
+    """Place of the first of those in `met` after sample `last`; the end of the recording without one."""
     end = int(part.places[last])
     again = met[met > end]
     return max(int(again[0]) if again.size else int(part.places[-1]), end)

@@ -1,5 +1,5 @@
-"""Where in time a simulation and a recording part: episodes, each with what both cells did and what the model
-thought.
+"""Where in time a simulation and a recording differ: episodes, each with what both cells did and what the
+model thought.
 
 The map by phase and tension (`locate`) shows laws that are wrong wherever they apply. What happens once, a
 knock on the sheath, a tip end that is moved, a burst of stick-slip, shows in time.
@@ -15,8 +15,8 @@ import numpy as np
 from calibrate.diagnosis.hypotheses.model import Fitted
 from calibrate.diagnosis.likelihood.likelihood import Likelihood
 from calibrate.inference.instruments import of_one, words_for
-from calibrate.inference.predictor import SimulatedReadings
 from calibrate.inference.setup import Observation
+from calibrate.inference.simulated_readings import SimulatedReadings
 from gtr_jax.recordings.signals.differences import MAD_TO_SD
 
 # A sample belongs to an episode beyond this many standard deviations of its noise, and beyond this many of
@@ -44,8 +44,8 @@ AFTER_GAP, ALONE, RELAXES, TOGETHER, SLIPPING, MIXED = (
     "mixed",
 )
 WORDS = {
-    AFTER_GAP: "it begins behind a gap in the recording, in which the load is not known",
-    ALONE: "the tip moves while the base stands and friction should hold it: was the tip end moved?",
+    AFTER_GAP: "it begins after a gap in the recording, in which the load is not known",
+    ALONE: "the tip moves while the base stands still and friction should hold it: was the tip end moved?",
     RELAXES: "both tensions relax towards each other while friction should hold them: was the sheath shaken?",
     TOGETHER: "the tip follows the base while friction should hold it",
     SLIPPING: "the loss differs while the tendon slips",
@@ -55,7 +55,7 @@ WORDS = {
 
 @dataclasses.dataclass(frozen=True)
 class Episode:
-    """A stretch of time in which T_tip and its simulation part.
+    """A stretch of time in which T_tip and its simulation differ.
 
     Attributes:
         recording: its name.
@@ -167,7 +167,7 @@ def _episode(
     around = slice(max(a - 1, 0), b + 1)
     by_draw = part.robot.tendons[tendon].drive == "displacement"
     kind = _kind(drive[around], read[around], held)
-    if by_draw and kind == RELAXES:  # what drives it is no tension
+    if by_draw and kind == RELAXES:  # what drives it is not a tension
         kind = ALONE
     if held > 1 - HELD and _behind_gap(part, a):
         kind = AFTER_GAP

@@ -30,7 +30,7 @@ def event_hypotheses(
     hold the tip. None for several recordings, which do not share their events, and none for short ones.
 
     Args:
-        bench: the recordings.
+        likelihood: the recordings.
         found: episodes of the misfit.
         taken: terms that the model has already.
     """

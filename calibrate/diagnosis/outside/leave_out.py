@@ -179,7 +179,7 @@ def joined(stretches: Sequence[Stretch]) -> list[Stretch]:
 
 
 def without(part: Observation, stretches: Sequence[Stretch]) -> Observation:
-    """A recording with stretches that are not compared. Behind one in which something outside acts, which may
+    """A recording with stretches that are not compared. After one in which something outside acts, which may
     have moved an end of the tendon, displacements are counted from another place.
 
     Raises:

@@ -86,7 +86,7 @@ def _of_tendon(part: Observation, i: int, late: list[str]) -> list[str]:
     if follows < LEAST and not part.others:
         found.append(
             f"{where}: the tip does not follow the base, whatever friction is assumed (correlation "
-            f"{follows:.2f}); are the columns those of one run?"
+            f"{follows:.2f}); do both columns come from one run?"
         )
     held = np.isclose(tip, tip.max(), atol=1e-12).mean()
     if held > STUCK:

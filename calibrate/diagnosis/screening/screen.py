@@ -137,7 +137,7 @@ def screen(
     followed; best first.
 
     Args:
-        bench: the recordings.
+        likelihood: the recordings.
         fitted: the model that they are added to.
         hypotheses: what to add.
         head: effects of the model, none or more; the most promising beside them are tried a third time if

@@ -89,7 +89,7 @@ class Split(NamedTuple):
 
 class _Tried(NamedTuple):
     """A number with one shared value, and with a value for each recording: both fits of the base model, and
-    the bench of the second.
+    the likelihood of the second.
     """
 
     number: Number
@@ -166,7 +166,7 @@ def _by_itself(likelihood: Likelihood, k: int, shared: np.ndarray) -> tuple[Like
 
 
 def _together(likelihood: Likelihood, alone: Sequence[tuple[Likelihood, Fitted]]) -> Likelihood:
-    """The bench with the noise that each recording shows by itself: in a joint fit, a wrong shared value
+    """The likelihood with the noise that each recording shows by itself: in a joint fit, a wrong shared value
     passes for noise.
     """
     return dataclasses.replace(
@@ -175,8 +175,8 @@ def _together(likelihood: Likelihood, alone: Sequence[tuple[Likelihood, Fitted]]
 
 
 def _refitted(likelihood: Likelihood, starts: Sequence[np.ndarray]) -> Fitted | None:
-    """The base model of a bench, refitted from the best of some starts, because a descent may stop at a kink
-    of friction.
+    """The base model of a likelihood, refitted from the best of some starts, because a descent may stop at a
+    kink of friction.
     """
     fits = [likelihood.refit((), start, exact=False) for start in starts]
     best = min((f for f in fits if f is not None), key=lambda f: f.cost, default=None)
@@ -225,8 +225,8 @@ def _tried(
     _, shared = split_fit(fitted, each=False)
     if shared is None:
         return None
-    split_bench, own = split_fit(shared, each=True)
-    return None if own is None else _Tried(number, shared, split_bench, own)
+    split_likelihood, own = split_fit(shared, each=True)
+    return None if own is None else _Tried(number, shared, split_likelihood, own)
 
 
 def _log_evidence(fitted: Fitted, scale: float) -> float:
@@ -247,7 +247,7 @@ def differing(
     have in common explains them much better.
 
     Args:
-        bench, base: the recordings, and the base model fitted to them.
+        likelihood, base: the recordings, and the base model fitted to them.
         robot: with the values of its file.
         hypotheses: effects that may be the cause as well.
     """
@@ -299,7 +299,7 @@ def still_differ(
     """Whether recordings still differ in some numbers once the model has the effects that were found.
 
     Args:
-        bench, fitted: the recordings, and a model fitted to them in which the numbers differ.
+        likelihood, fitted: the recordings, and a model fitted to them in which the numbers differ.
         hypotheses: its effects.
         differ: the numbers.
     """

@@ -46,7 +46,7 @@ NEAR = 8.0
 EXCHANGED, PROMISES = 4, 0.15
 
 
-def with_further(models: Models, start: Fitted, progress: Callable[[str], None]) -> Fitted:
+def forward_search(models: Models, start: Fitted, progress: Callable[[str], None]) -> Fitted:
     """Add effects to a model while they pay on unseen samples, first the most promising, from all their
     starts if none does; choose the variant of each effect again beside the others; take out those that then
     do not pay; and refit the models in which an effect is replaced by one that did nearly as well. All refits
@@ -168,7 +168,7 @@ def _new(fitted: Fitted, head: Fitted) -> str:
 
 def _with_event_instead(models: Models, head: Fitted) -> Fitted:
     """The model with one of its effects replaced by an event, where that is sure and fits better: the search
-    for combinations knows no events, and a change at one time then passes for one that goes on.
+    for combinations knows no events, and a change at one time then passes for a lasting one.
     """
     best = head
     for names in ([n for n in head.names if n != name] for name in head.names):
@@ -238,7 +238,7 @@ class Unseen:
 
     Args:
         models: all that were refitted.
-        pieces: as of `heldout.folds`.
+        pieces: as of `held_out.folds`.
         rows: whether all rows judge in any case.
     """
 

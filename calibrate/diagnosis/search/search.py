@@ -53,8 +53,8 @@ BEAM = 2
 
 
 def base_fit(likelihood: Likelihood, start: np.ndarray | None = None) -> tuple[Likelihood, Fitted] | None:
-    """Weigh the bench and fit the base model, in turn, from the best of several starts unless one is given;
-    None where that fails.
+    """Weigh the likelihood and fit the base model, in turn, from the best of several starts unless one is
+    given; None where that fails.
     """
     model = model_of(likelihood.base, ())
     numbers = model.numbers
@@ -99,7 +99,7 @@ def refit_best(
     iterations from each, and on from the best of them unless it is hopeless.
 
     Args:
-        bench: the recordings.
+        likelihood: the recordings.
         head, fitted: the model, and its fit.
         screened: what to add, with starts.
         starts: how many are taken, by how many numbers a hypothesis has.
@@ -123,7 +123,7 @@ def raced(
     lags the best of all.
 
     Args:
-        bench: the recordings.
+        likelihood: the recordings.
         reference: the model that all of them extend.
         items: hypotheses of the model, and a start; starts of one model share the hypotheses.
         most: iterations.

@@ -22,7 +22,7 @@ from gtr_jax.interruption import INTERRUPTED, NOTHING_WRITTEN, interruption
 
 from . import demo, design, diagnose, export, fit, init, inspect, next, schema, simulate, sweep, terms, view
 from .options import with_terms_option
-from .streams import heard
+from .streams import withstand_closed_streams
 
 ANSWERED, NOT_CONVERGED, BAD_INPUT = 0, 1, 2
 
@@ -50,7 +50,7 @@ class Commands(click.Group):
 @click.version_option(package_name="gtr-jax", prog_name="gtr", message="%(prog)s %(version)s")
 def cli() -> None:
     """Simulate tendon-driven continuum manipulators with tendon friction, fit them to recordings,
-    tell which physics a recording asks for that the model leaves out, design their routing, sweep their
+    find which physics in a recording the model leaves out, design their routing, sweep their
     parameters, and write them for CAD and MuJoCo.
     """
 
@@ -83,7 +83,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     _quieten()
     if arguments is None:
-        heard()
+        withstand_closed_streams()
         interruption.install()
         interruption.running = True
     with warnings.catch_warnings():

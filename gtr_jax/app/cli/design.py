@@ -61,8 +61,8 @@ def design(
     """Choose the routing of ROBOT.toml, and whatever else TARGET.toml frees, so that the tip is where
     TARGET.toml wants it, within its limits.
 
-    Where no design does, the nearest is written and what stands in the way is said; the exit status is
-    then 1.
+    Where no design does, the nearest is written, with what stands in the way; the exit status
+    is then 1.
     """
     from gtr_jax.cache import enable_cache
     from gtr_jax.config.config import load_config
@@ -97,7 +97,7 @@ def _load_target(path: Path) -> TargetConfig:
     from design import load_target
 
     if path.suffix.lower() == ".csv":
-        raise InputError(f"{path}: is no target file; write a TARGET.toml with [[pose]]")
+        raise InputError(f"{path}: is not a target file; write a TARGET.toml with [[pose]]")
     return load_target(path)
 
 

@@ -78,12 +78,12 @@ def diagnose(
     output: Path,
     force: bool,
 ) -> int:
-    """Tell which physics a robot's model leaves out of its recordings: where they differ, what is missing,
+    """Find which physics in a robot's recordings its model leaves out: where they differ, what is missing,
     whether a fit with it is better on samples it has not seen, and what to measure next. The robot may leave
     the plane and have several tendons, driven by tension or by displacement. Recordings without T_tip_N are
     explained by what they have most of: places (of the tip, markers, displacements) or angles.
     """
-    from calibrate.diagnosis.answer.earlier import earlier_set, settled
+    from calibrate.diagnosis.answer.earlier import earlier_set, settle
     from gtr_jax.cache import enable_cache
     from gtr_jax.config.config import load_config
     from gtr_jax.recordings.cleaning.masking import times_of
@@ -115,7 +115,7 @@ def diagnose(
     enable_cache()
     with folder.alone(), kept(), Progress() as progress:
         if folder.steps.exists():
-            click.echo("going on from where an earlier run of this command stopped", err=True)
+            click.echo("resuming the interrupted run", err=True)
         answer = solve(
             config,
             recordings,
@@ -129,7 +129,7 @@ def diagnose(
             progress=progress,
         )
         if earlier is not None:
-            answer = dataclasses.replace(answer, settles=settled(str(settles), earlier, answer))
+            answer = dataclasses.replace(answer, settles=settle(str(settles), earlier, answer))
         progress("drawing")
         with folder.write() as part:
             settings = folder.settings() | left_out(recordings)
@@ -139,7 +139,7 @@ def diagnose(
         click.echo(line)
     click.echo(f"report: {output / 'report.html'}")
     if experiment and answer.experiment is None:
-        click.echo("next: nothing is left to be told apart")
+        click.echo("next: no rivals remain")
     return 0 if answer.converged and answer.verdict != "bad-data" else 1
 
 

@@ -59,7 +59,7 @@ def export(robot: Path, kind: str | None, output: Path, force: bool, **given: An
     """Write ROBOT.toml, which may be a fitted, diagnosed or designed one, for other programs: its unloaded
     body and channels at 1:1 for CAD, or a chain of rigid links for MuJoCo.
 
-    What MuJoCo cannot hold of the robot is said.
+    The command says what of the robot MuJoCo does not support.
     """
     from gtr_jax.atomic_write import write_atomically
     from gtr_jax.config.config import load_config
@@ -86,9 +86,7 @@ def export(robot: Path, kind: str | None, output: Path, force: bool, **given: An
         from gtr_jax.export.mjcf import left_out
 
         if out := left_out(config, friction_at=options.get("friction_at")):
-            click.echo(
-                f"left out, which MuJoCo cannot hold or this export does not give it: {', '.join(out)}"
-            )
+            click.echo(f"left out, because MuJoCo or this export does not support it: {', '.join(out)}")
     return 0
 
 

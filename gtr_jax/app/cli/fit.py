@@ -148,7 +148,7 @@ def inputs(files: Sequence[Path]) -> Inputs:
     recording.
 
     Raises:
-        InputError: a recording before any robot, a robot without a recording, a recording that stands twice.
+        InputError: a recording before any robot, a robot without a recording, or a recording given twice.
     """
     robots: list[Path] = []
     recordings: list[Path] = []

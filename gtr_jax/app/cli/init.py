@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from gtr_jax.errors import InputError, did_you_mean
+from gtr_jax.errors import InputError, nearest
 from gtr_jax.interruption import interruption
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ class Answers:
             option: that gives it, without dashes.
             says: the question.
             default: answer that is offered.
-            check: makes a value of the text; InputError where it is none, and the question is put again.
+            check: makes a value of the text; InputError where that fails, and the question is asked again.
             own: an answer that was given otherwise than as an option of its own.
         """
         name, unit = option.replace("-", "_"), _unit_of(default)
@@ -61,7 +61,7 @@ class Answers:
 
 
 def _unit_of(default: str) -> str:
-    """The unit of an answer that is offered; "" if it has none, or is no quantity."""
+    """The unit of an answer that is offered; "" if it has none, or is not a quantity."""
     return default.partition(" ")[2] if _is_bare(default.partition(" ")[0], zero=True) else ""
 
 
@@ -115,7 +115,9 @@ def _amount(unit: str, *, above: bool = True, signed: bool = False) -> Callable[
 def _one_of(names: Sequence[str]) -> Callable[[str], str]:
     def check(text: str) -> str:
         if text.strip() not in names:
-            raise InputError(f"'{text}' is none of {', '.join(names)}; {did_you_mean(text, names)}")
+            near = nearest(text, names)
+            hint = f"; did you mean '{near}'?" if near else ""
+            raise InputError(f"must be one of {', '.join(names)}; got '{text}'{hint}")
         return text.strip()
 
     return check
@@ -187,8 +189,8 @@ def init(
     path: Path, space: bool | None, channels: Sequence[str], silent: bool, force: bool, **given: str | None
 ) -> int:
     """Write ROBOT.toml from a few questions: body, channel, tendons. Every answer may be given as an option;
-    quantities carry their unit (250mm). Each answer is checked at once; a number that is typed in without a
-    unit has the one of the default beside it.
+    quantities carry their unit (250mm). Each answer is checked at once; a number typed in without a unit
+    takes that of the default shown.
     """
     from gtr_jax.config.config import dump_config
     from gtr_jax.config.plausible import implausible
@@ -216,7 +218,7 @@ def asked(
     """The robot that the answers describe, checked as a file is.
 
     Raises:
-        InputError: an option that is no answer, or answers that do not make a robot.
+        InputError: an option that is not an answer, or answers that do not make a robot.
     """
     from gtr_jax.config.config import parse_config
     from gtr_jax.config.new_robot import DIRECTIONS, FILE, robot_data

@@ -68,11 +68,11 @@ def next_(
     output: Path,
     force: bool,
 ) -> int:
-    """Tell which experiment tells most about what is still open, and write its load history for the rig.
+    """Find the experiment that tells most about what is still open, and write its load history for the rig.
 
     FOLDER is the run folder of a diagnosis or of a fit. Where a diagnosis leaves rivals, experiments are
-    simulated under each of them, and the one that holds them apart best is chosen; else the one that narrows
-    the intervals most. Several robot files are rivals; a single one is planned for from what it says.
+    simulated under each of them, and the one that tells them apart best is chosen; else the one that narrows
+    the intervals most. Several robot files are rivals; a single one is planned for from its own numbers.
     """
     from gtr_jax.cache import enable_cache
 
@@ -121,7 +121,7 @@ def _opened(
     if len(sources) > 1:
         raise InputError(f"{folders[0]}: is a folder; give one run folder, or robot files")
     if noise is not None:
-        raise InputError(f"--noise: {folders[0]} tells the noise of its recordings; leave it out")
+        raise InputError(f"--noise: {folders[0]} gives the noise of its recordings; leave it out")
     opened = open_folder(folders[0])
     answer = next(folders[0] / name for name in (DIAGNOSIS, FIT) if (folders[0] / name).is_file())
     models = {f"robot {i + 1}": folders[0] / model.file for i, model in enumerate(opened.models)}
@@ -187,8 +187,9 @@ def then(answer: Plan) -> str:
 
     command = again(opened, columns_wanted(chosen, answer))
     left_out = (
-        f" What --drop leaves out it leaves out of {NEW} too: write the stretch into a mapping file of the "
-        "recording that it is for, under [clean]."
+        f" --drop would leave the same stretch out of {NEW} too: write it under [clean] into a mapping "
+        "file of "
+        "the recording that it is meant for."
         if any(word.partition("=")[0] == "--drop" for word in shlex.split(opened.command))
         else ""
     )

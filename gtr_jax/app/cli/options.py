@@ -88,12 +88,12 @@ def held_stdin(ending: str, context: click.Context | None = None) -> Path:
     Raises:
         InputError: it is read already, nothing comes from it, or too much does.
     """
-    from gtr_jax.recordings.formats.text import whole
+    from gtr_jax.recordings.formats.text import read_all
 
     context = context or click.get_current_context()
     if HELD in context.meta:
         raise InputError("-: standard input can be read once; give the other file by its name")
-    data = whole(sys.stdin.buffer, "-")
+    data = read_all(sys.stdin.buffer, "-")
     if not data.strip():
         raise InputError(
             f"-: nothing comes from standard input; send it a file, as in 'gtr ... < file{ending}'"
@@ -194,7 +194,7 @@ resolution_option = click.option(
 
 
 def check_noise(noise: float | None, noise_base: float | None) -> None:
-    """Refuse standard deviations that are none."""
+    """Refuse standard deviations that are not valid."""
     for name, value in (("--noise", noise), ("--noise-base", noise_base)):
         if value is not None and (value < 0 or (value == 0 and name == "--noise")):
             least = "positive" if name == "--noise" else "positive, or 0 for an exact one"

@@ -22,7 +22,7 @@ PAUSE, REPEAT = 2.0, 10.0
 @contextlib.contextmanager
 def kept() -> Iterator[None]:
     """Say on an interruption that what a long run has done is not lost."""
-    says = "what is done is kept: the same command goes on from there"
+    says = "what is done is kept: the same command resumes from there"
     with interruption.undoing(lambda: os.write(2, f"{says}\n".encode())):
         try:
             yield

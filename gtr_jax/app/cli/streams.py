@@ -8,8 +8,8 @@ import sys
 from typing import Any
 
 
-class _Heard(io.FileIO):
-    """A standard stream of which nothing is made once nobody reads it any more, as in `gtr ... | head -1`."""
+class _ForgetfulStream(io.FileIO):
+    """A standard stream that drops what is written once nobody reads it, as in `gtr ... | head -1`."""
 
     def write(self, data: Any) -> int:
         """Write, or forget."""
@@ -19,8 +19,8 @@ class _Heard(io.FileIO):
             return len(data)
 
 
-def heard() -> None:
-    """Have the answers of this process go to nowhere where standard output or error are closed or no longer
+def withstand_closed_streams() -> None:
+    """Discard the answers of this process where standard output or error are closed or no longer
     read: a command then does all that it does, run folder and exit status included.
     """
     for number, name, mode in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
@@ -29,7 +29,7 @@ def heard() -> None:
             _fill(number)
             setattr(sys, name, open(number, mode, encoding="utf-8", errors="replace", closefd=False))
         elif number and isinstance(stream, io.TextIOWrapper):
-            raw = _Heard(number, "w", closefd=False)
+            raw = _ForgetfulStream(number, "w", closefd=False)
             buffer: Any = raw if isinstance(stream.buffer, io.RawIOBase) else io.BufferedWriter(raw)
             replaced = io.TextIOWrapper(
                 buffer,

@@ -61,8 +61,8 @@ def sweep(
 ) -> int:
     """Compute every point of SWEEP.toml and store what it asks for in OUT/sweep.zarr.
 
-    The store opens as an xarray dataset: gtr_jax.sweep.open_sweep("OUT"). A sweep that was interrupted goes
-    on where it stopped when the same command runs again.
+    The store opens as an xarray dataset: gtr_jax.sweep.open_sweep("OUT"). A sweep that was interrupted
+    resumes where it stopped when the same command runs again.
     """
     from gtr_jax.cache import enable_cache
     from gtr_jax.sweep import load_sweep, task_of
@@ -94,7 +94,10 @@ def sweep(
         store.create()
         left = store.left()
         if left and len(left) < task.plan.blocks:
-            click.echo(f"going on: {task.plan.blocks - len(left)} blocks are there already", err=True)
+            click.echo(
+                f"resuming the interrupted run: {task.plan.blocks - len(left)} blocks are there already",
+                err=True,
+            )
         done = _compute(task, store, how.own(left), sweep, how, progress)
         for block, fault in done.lost[:3]:
             click.echo(f"error: block {block} was not computed: {fault}", err=True)

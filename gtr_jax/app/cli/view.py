@@ -108,7 +108,7 @@ def view(
             if not no_browser:
                 redirect = Redirect(server.address(lambda: redirect.remove() if redirect else None))
                 if redirect.path is None:
-                    click.echo("no folder is closed to others here: open the address yourself", err=True)
+                    click.echo("no folder here is closed to others: open the address yourself", err=True)
                 else:
                     # Some browsers end only when they are closed.
                     start = threading.Thread(

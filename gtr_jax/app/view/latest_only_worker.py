@@ -9,7 +9,7 @@ from typing import Generic, TypeVar
 Request = TypeVar("Request")
 
 
-class Latest(Generic[Request]):
+class LatestOnlyWorker(Generic[Request]):
     """A thread that does one thing for the latest request, whenever there is a new one.
 
     Args:

@@ -30,12 +30,12 @@ from .dials import LABEL, Dial, warning
 from .figures import Channelsheet, Curvesheet, Plotted
 from .ghosts import Ghost, Ghosts
 from .knobs import GROUPS
-from .latest_only_worker import Latest
+from .latest_only_worker import LatestOnlyWorker
 from .model import Curves, Setting, names_of, simulated
 from .postures import drawing, midlines
 from .pulling import HAND, Pulling
 from .shown import Found, Wanted, plotted
-from .thread_warnings import heard
+from .thread_warnings import thread_warnings
 
 PATIENCE = 0.5  # seconds until the page says that it computes
 UNSEEN = 250  # ms after which the curves follow a shape of which no browser says that it is painted
@@ -117,8 +117,8 @@ class Page:
             shown_at=given.shown_at,
         )
         self._history = self._pulling.history(setting.robot)
-        self._worker: Latest[Wanted] = Latest(self._work)
-        self._judge: Latest[Setting] = Latest(self._check)
+        self._worker: LatestOnlyWorker[Wanted] = LatestOnlyWorker(self._work)
+        self._judge: LatestOnlyWorker[Setting] = LatestOnlyWorker(self._check)
         self._last: tuple[Wanted, Curves] | None = None
         self._closed = False
         self._lay_out()
@@ -282,7 +282,7 @@ class Page:
     def _check(self, setting: Setting) -> None:
         """Whether a command would take a robot, which takes longer than to draw it."""
         fault = ""
-        with heard() as warned:
+        with thread_warnings() as warned:
             try:
                 setting.written()
             except InputError as refused:

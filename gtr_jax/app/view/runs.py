@@ -99,7 +99,7 @@ class Run:
             self._progress(last)
         printed = [line.strip() for line in self._process.stdout if line.strip()]
         answered = self._process.wait() in ANSWERED and self.folder.is_dir()
-        says = printed if answered else [last or "the command ended without a word"]
+        says = printed if answered else [last or "the command ended without a message"]
         self._done(Done(self.folder, says, answered, _robots(self.folder) if answered else []))
 
 

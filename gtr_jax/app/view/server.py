@@ -97,7 +97,7 @@ class Server:
 
 def _listening(port: int) -> list[socket.socket]:
     if not 0 <= port <= MOST_PORTS:
-        raise InputError(f"--port: {port} is no port; leave it out for a free one")
+        raise InputError(f"--port: {port} is not a port; leave it out for a free one")
     try:
         return bind_sockets(port, HERE, family=socket.AF_INET)
     except OSError as fault:

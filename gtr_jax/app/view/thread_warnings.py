@@ -18,12 +18,12 @@ _listening = threading.local()
 
 
 @contextlib.contextmanager
-def heard() -> Iterator[list[str]]:
+def thread_warnings() -> Iterator[list[str]]:
     """The texts of the input warnings that this thread gives meanwhile, each once; they are shown nowhere
     else.
     """
     if not getattr(warnings.showwarning, "hears", False):
-        warnings.showwarning = _hearing(warnings.showwarning)
+        warnings.showwarning = _shown_by_thread(warnings.showwarning)
     _listening.to = texts = []
     try:
         yield texts
@@ -31,7 +31,7 @@ def heard() -> Iterator[list[str]]:
         _listening.to = None
 
 
-def _hearing(otherwise: Any) -> Any:
+def _shown_by_thread(otherwise: Any) -> Any:
     """What shows warnings: to a thread that listens, or else as before."""
 
     def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:

@@ -82,7 +82,7 @@ def inspection_report(
 def _columns(mapping: Mapping) -> Table:
     """Which column was taken for what."""
     rows = [(t.quantity, t.header, t.unit or "time stamps", t.why) for t in mapping.taken]
-    note = f"Of no use: {listed(mapping.unused)}." if mapping.unused else ""
+    note = f"Unused: {listed(mapping.unused)}." if mapping.unused else ""
     return Table("Columns", ("quantity", "column", "unit", "why"), rows, note=note)
 
 
@@ -107,9 +107,9 @@ def _figures(found: Inspection, recording: Recording, ending: str) -> list[Figur
             Figure(
                 f"ratio{ending}",
                 draw.plot_ratio(recording, found),
-                "The ratio of the two tensions where the tendon slips. Friction that is alike both ways puts "
-                "release as far above 1 as pull below; by Coulomb's law in a channel of fixed shape both are "
-                "level.",
+                "The ratio of the two tensions where the tendon slips. Friction that is the same both ways "
+                "puts release as far above 1 as pull below; by Coulomb's law in a channel of fixed shape "
+                "both are level.",
             )
         )
     glitches = [m for m in recording.masked if m.size == m.size and m.time is not None]

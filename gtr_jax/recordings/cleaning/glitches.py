@@ -18,7 +18,7 @@ are at least. So a step, a ramp, a turning point however sharp, and a swing, eve
 4. If another channel leaves at the same samples, both may have moved truly. Friction tells of the two cells
    of a tendon: a tip that goes up with the base slips forward, so that T_tip/T_base is then in the lower half
    of what the recording has seen of it, and comes down again only from the upper half; and the reverse. If
-   both move the same way and so, or if the other channel is no cell of the same tendon, D has to be above
+   both move the same way and so, or if the other channel is not a cell of the same tendon, D has to be above
    TOGETHER times the largest step of the whole channel, too.
 5. It is isolated: of the NEARBY samples before and after it, glitches are no more than CROWDED and WIDEST
    samples. So a channel that bursts all the time has none.
@@ -26,7 +26,7 @@ are at least. So a step, a ramp, a turning point however sharp, and a swing, eve
 
 Samples beside a glitch for which 1. to 4. hold together with it, seen from the sound samples around all of
 them, belong to it, however much smaller they are: up to MOST samples. Of excursions that share samples the
-one that stands out most is judged, and where that is no glitch the others.
+one that stands out most is judged, and where that is not a glitch the others.
 
 Beside a glitch of the other cell of the tendon, at the same samples, FELLOW of the limits in 1. is enough.
 
@@ -101,7 +101,7 @@ def find_glitches(channels: Mapping[str, np.ndarray], time: np.ndarray | None) -
             or T_base.left and T_tip.left, are the cells of a tendon.
         time: of the samples [s], (K,), or None.
     """
-    with np.errstate(over="ignore", invalid="ignore"):  # readings of 1e308: what is not finite is no glitch
+    with np.errstate(over="ignore", invalid="ignore"):  # readings of 1e308; nothing infinite is a glitch
         return _found(channels, time)
 
 

@@ -169,7 +169,7 @@ def times_of(text: str, where: str) -> tuple[float, float]:
     example = "write for example '12.5 s:13 s'"
     ends = text.split(":")
     if len(ends) != 2 or not any(end.strip() for end in ends):
-        raise InputError(f"{where}: no stretch FROM:TO; {example}")
+        raise InputError(f"{where}: is not a stretch FROM:TO; {example}")
     low, high = (
         _time(end.strip(), other, where) for end, other in zip(ends, (-math.inf, math.inf), strict=True)
     )

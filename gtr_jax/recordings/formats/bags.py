@@ -16,11 +16,12 @@ import numpy as np
 
 from gtr_jax.errors import InputError, listed
 
-from .cells import SECOND, Numbers
+from .cells import NumberCells
 from .expansion import check_numbers
 from .headers import FORCES, words_of
 from .sheet import Table
-from .subprocess_reader import Unreadable, read_in_subprocess
+from .subprocess_reader import read_in_subprocess
+from .time_stamps import SECOND
 
 ENDINGS = (".bag", ".mcap", ".db3")
 MAGICS = (b"#ROSBAG V", b"\x89MCAP0\r\n", b"SQLite format 3\x00")
@@ -45,24 +46,21 @@ def read_bag(path: Path, sha256: str) -> Table:
         raise InputError(
             f"{path}: a recording of ROS; pip install 'gtr-jax[ros]', or export its topics as CSV"
         )
-    try:
-        topics = read_in_subprocess(topics_of, str(path.absolute()))
-    except Unreadable as fault:
-        raise InputError(f"{path}: not a whole recording of ROS ({fault}); reindex it") from None
-    except InputError as fault:
-        raise InputError(f"{path}: {fault}") from None
+    topics = read_in_subprocess(
+        topics_of, str(path.absolute()), path=path, intact="a complete recording of ROS", remedy="reindex it"
+    )
     if not topics:
         raise InputError(
             f"{path}: no topic of this recording holds numbers that can be read; export it as CSV"
         )
     first = max(topics, key=lambda name: (_speaks(name, topics[name]), len(topics[name].stamps)))
     stamps = topics[first].stamps
-    header, columns = ["time"], [Numbers((stamps - stamps[0]) / SECOND)]
+    header, columns = ["time"], [NumberCells((stamps - stamps[0]) / SECOND)]
     for name, topic in topics.items():
         last = np.searchsorted(topic.stamps, stamps, side="right") - 1
         for field, values in topic.fields.items():
             header.append(f"{name}.{field}")
-            columns.append(Numbers(values if name == first else np.where(last < 0, np.nan, values[last])))
+            columns.append(NumberCells(values if name == first else np.where(last < 0, np.nan, values[last])))
     others = [name for name in topics if name != first]
     joined = f"; {listed(others)} joined by the last value received" if others else ""
     notes = (f"the rows are the messages of {first}{joined}",)

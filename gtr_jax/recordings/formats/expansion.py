@@ -48,7 +48,7 @@ def check_cells(path: Path, text: str, delimiters: str) -> None:
     if count > CELLS:
         raise InputError(
             f"{path}: has about {count / 1e6:.3g} million cells; at most {CELLS / 1e6:.3g} million are read "
-            "from a text that is no plain table (one header, then rows of as many cells, without quotes, "
+            "from a text that is not a plain table (one header, then rows of as many cells, without quotes, "
             f"comments, blank lines or words), so export it as one, or {_REMEDY}"
         )
 
@@ -81,13 +81,13 @@ def expanded_gzip(path: Path, data: bytes) -> bytes:
         with gzip.GzipFile(fileobj=io.BytesIO(data)) as stream:
             found = stream.read(LARGEST + 1)
     except (OSError, EOFError, zlib.error) as fault:
-        raise InputError(f"{path}: not a whole gzip file ({fault}); compress it again") from None
+        raise InputError(f"{path}: not a complete gzip file ({fault}); compress it again") from None
     if len(found) > LARGEST:
         raise _too_large(path)
     return found
 
 
-def members(path: Path, data: bytes) -> list[str]:
+def archive_members(path: Path, data: bytes) -> list[str]:
     """Names of the files in a zip archive, which is not expanded.
 
     Raises InputError naming the file if it is damaged, or its files expand to more than a file may have.
@@ -96,7 +96,7 @@ def members(path: Path, data: bytes) -> list[str]:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             infos = archive.infolist()
     except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError) as fault:
-        raise InputError(f"{path}: not a whole workbook or archive ({fault}); export it again") from None
+        raise InputError(f"{path}: not a complete workbook or archive ({fault}); export it again") from None
     if sum(info.file_size for info in infos) > LARGEST:
         raise _too_large(path)
     return [info.filename for info in infos]
@@ -106,12 +106,12 @@ def _too_large(path: Path) -> InputError:
     return InputError(f"{path}: expands to more than {LARGEST >> 20} MiB; {_REMEDY}")
 
 
-def too_much() -> InputError:
+def too_much_memory() -> InputError:
     """The error of a file that would not say how much it becomes."""
     return InputError(f"expands to more than {MEMORY >> 30} GiB; {_REMEDY}")
 
 
-def confine() -> None:
+def limit_memory() -> None:
     """Keep this process from taking more memory than that, and from writing larger files, where the system
     can.
     """

@@ -125,7 +125,7 @@ _NO_FORCES = frozenset(
     "v strain s ms m mm deg rad trial sample index".split()
 )
 _COUNTERS = frozenset("n no nr num number step cycle row".split())  # n_load counts the loads
-# Readings of an amplifier that are no forces until they are calibrated.
+# Readings of an amplifier that are not forces until they are calibrated.
 RAW = {
     "counts": "raw counts",
     "count": "raw counts",
@@ -209,8 +209,8 @@ def said_unit(table: Table, index: int) -> str | None:
 
 
 def _is_another(table: Table, index: int, *, sided: bool) -> bool:
-    """Whether the unit of a column says that it is no force, or, unless its header names an end of the tendon
-    (`sided`), its numbers that it is a clock.
+    """Whether the unit of a column says that it is not a force, or, unless its header names an end of the
+    tendon (`sided`), its numbers that it is a clock.
     """
     said = said_unit(table, index)
     if said is not None and not measures(force_meant(said), "N"):

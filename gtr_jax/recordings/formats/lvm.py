@@ -11,7 +11,7 @@ import numpy as np
 
 from gtr_jax.errors import InputError, excerpt, listed
 
-from .cells import Numbers, number_in, tidy
+from .cells import NumberCells, number_in, tidy
 from .expansion import check_cells
 from .sheet import Table
 
@@ -51,7 +51,7 @@ def read_lvm(path: Path, text: str, sha256: str) -> Table:
     Channels without samples, and those with a clock that is not that of the first, are left out. Several
     stretches of samples of the same channels follow one another as their dates say.
 
-    Raises InputError naming file, row and remedy if it holds no samples, a cell is no number, or its
+    Raises InputError naming file, row and remedy if it holds no samples, a cell is not a number, or its
     stretches do not fit together.
     """
     check_cells(path, text, "\t;,")
@@ -78,7 +78,7 @@ def read_lvm(path: Path, text: str, sha256: str) -> Table:
         path,
         sha256,
         ["time", *names],
-        [Numbers(values) for values in columns],
+        [NumberCells(values) for values in columns],
         np.concatenate([stretch.numbers for stretch in stretches]),
         ["s", *(stretches[0].units[name] for name in names)],
         plain=True,
@@ -87,7 +87,7 @@ def read_lvm(path: Path, text: str, sha256: str) -> Table:
 
 
 def _header(lines: list[str], at: int, separator: str = "\t") -> tuple[dict[str, list[str]], int]:
-    """The keys of a header with their values, and the line behind it."""
+    """The keys of a header with their values, and the line after it."""
     said: dict[str, list[str]] = {}
     special = False
     for i in range(at, len(lines)):
@@ -179,7 +179,7 @@ def _numbers(
 
 
 def _column(path: Path, segment: _Segment, place: int, mark: str) -> np.ndarray:
-    """The numbers of a column, (K,), NaN where a cell is empty; InputError where it is no number."""
+    """The numbers of a column, (K,), NaN where a cell is empty; InputError where it is not a number."""
     cells = [row[place] if place < len(row) else "" for _, row in segment.rows]
     values = np.array([number_in(cell, mark) for cell in cells])
     bad = [i for i in np.flatnonzero(np.isnan(values)) if tidy(cells[i]).lower() not in ("", "nan")]
@@ -213,7 +213,7 @@ def _starts(path: Path, segments: list[_Segment]) -> list[float]:
             found.append(datetime.strptime(f"{date} {time}", "%Y/%m/%d %H:%M:%S" + ".%f" * ("." in time)))
         except ValueError:
             raise InputError(
-                f"{path}: row {segment.rows[0][0]}: a further stretch of samples, of which no date and time "
-                f"say when it begins; {_EXPORT}"
+                f"{path}: row {segment.rows[0][0]}: no date and time say when this further stretch of "
+                f"samples begins; {_EXPORT}"
             ) from None
     return [(moment - found[0]).total_seconds() for moment in found]

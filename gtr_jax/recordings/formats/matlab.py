@@ -17,10 +17,10 @@ import numpy as np
 
 from gtr_jax.errors import InputError, excerpt
 
-from .cells import Numbers
+from .cells import NumberCells
 from .expansion import check_bytes, check_numbers
 from .sheet import Table
-from .subprocess_reader import Unreadable, read_in_subprocess
+from .subprocess_reader import read_in_subprocess
 
 MAGIC = b"MATLAB 5.0 MAT-file"
 MAGIC_HDF5 = b"MATLAB 7.3 MAT-file"
@@ -44,19 +44,17 @@ def read_matlab(path: Path, data: bytes, sha256: str) -> Table:
         raise InputError(
             f"{path}: MATLAB version 7.3; pip install 'gtr-jax[hdf5]', or save it with save(..., '-v7')"
         )
-    try:
-        common, found = read_in_subprocess(vectors_of_hdf5 if hdf5 else vectors_of_mat, data)
-    except Unreadable as fault:
-        raise InputError(f"{path}: not a whole MATLAB file ({fault}); save it again") from None
-    except InputError as fault:
-        raise InputError(f"{path}: {fault}") from None
+    reader = vectors_of_hdf5 if hdf5 else vectors_of_mat
+    common, found = read_in_subprocess(
+        reader, data, path=path, intact="a complete MATLAB file", remedy="save it again"
+    )
     lengths = Counter(len(values) for values in found.values() if len(values) > 1)
     if not lengths:
         raise InputError(f"{path}: holds no vectors of numbers (tables and objects are not read); {_REMEDY}")
     most = max(lengths, key=lambda length: (lengths[length], length))
     columns = {name: values for name, values in found.items() if len(values) == most}
     names = [name.strip().removeprefix(common) for name in columns]
-    cells = [Numbers(values) for values in columns.values()]
+    cells = [NumberCells(values) for values in columns.values()]
     return Table(path, sha256, names, cells, np.arange(1, most + 1), plain=True)
 
 

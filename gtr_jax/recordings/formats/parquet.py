@@ -10,11 +10,11 @@ import numpy as np
 
 from gtr_jax.errors import InputError
 
-from .cells import Numbers
+from .cells import NumberCells
 from .expansion import check_bytes, check_numbers
-from .large_csv import ManyWritten
+from .many_cells import ManyTextCells
 from .sheet import Table
-from .subprocess_reader import Unreadable, read_in_subprocess
+from .subprocess_reader import read_in_subprocess
 
 if TYPE_CHECKING:
     import polars as pl
@@ -29,16 +29,15 @@ def read_parquet(path: Path, data: bytes, sha256: str) -> Table:
 
     Raises InputError naming the file if it is damaged, or holds no rows or no such columns.
     """
-    try:
-        rows, found = read_in_subprocess(columns_of, data)
-    except Unreadable as fault:
-        raise InputError(f"{path}: not a whole Parquet file ({fault}); export it again") from None
-    except InputError as fault:
-        raise InputError(f"{path}: {fault}") from None
+    rows, found = read_in_subprocess(
+        columns_of, data, path=path, intact="a complete Parquet file", remedy="export it again"
+    )
     if not found or not rows:
         raise InputError(f"{path}: holds no rows of numbers; at least one column and one row are needed")
     header = [name.strip() for name, _ in found]
-    columns = [Numbers(cells) if isinstance(cells, np.ndarray) else ManyWritten(cells) for _, cells in found]
+    columns = [
+        NumberCells(cells) if isinstance(cells, np.ndarray) else ManyTextCells(cells) for _, cells in found
+    ]
     return Table(path, sha256, header, columns, np.arange(1, rows + 1), plain=True)
 
 

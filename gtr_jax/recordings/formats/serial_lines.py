@@ -1,5 +1,5 @@
-"""Lines that a serial monitor, a terminal or a sketch wrote: cells behind the time at which a line came,
-`14:05:00.000 -> 4.1,0.7`, or numbers behind their names, `base: 4.1 g  tip: 0.7 g`.
+"""Lines that a serial monitor, a terminal or a sketch wrote: cells after the time at which a line came,
+`14:05:00.000 -> 4.1,0.7`, or numbers after their names, `base: 4.1 g  tip: 0.7 g`.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ from typing import NamedTuple
 
 from gtr_jax.errors import InputError, excerpt, listed
 
-from .csv_text import Layout, Rows, delimiter_of, is_data, laid_out, numbered_columns, table_of
+from .csv_layout import Layout, Rows, is_data, numbered_columns
+from .csv_text import delimiter_of, layout_of_text, table_of
 from .expansion import check_cells
 from .quantities import SPELLINGS, plain_name
 from .sheet import Table
@@ -20,7 +21,7 @@ from .sheet import Table
 _HEAD = 200_000  # characters in which the first lines are looked for
 _SAMPLED = 200  # lines by which such a file is told
 MOST_ODD = 0.05
-"""Share of the lines that may be no readings: a monitor shows whatever a device says."""
+"""Share of the lines that may not be readings: a monitor shows whatever a device says."""
 _LISTED = 6
 _LONGEST = 500  # characters of a line whose numbers are named
 _DATE = r"(?:(?:\d{4}[-/.]\d\d?[-/.]\d\d?|\d\d?[-/.]\d\d?[-/.]\d{4})[T ])?"
@@ -45,7 +46,7 @@ class _Log(NamedTuple):
 
     Attributes:
         stamps: the time of each line, by its number; none where the lines carry no times.
-        lines: what they say behind it, by number.
+        lines: what they say after it, by number.
         odd: numbers of lines without a time among others that have one.
     """
 
@@ -58,7 +59,7 @@ def read_lines(path: Path, text: str, sha256: str) -> Table | None:
     """The table of lines that carry the time at which they came, or the names of their numbers; None if most
     of the first lines of a text do neither.
 
-    The time becomes the column `time`. Lines that are no readings are left out, and said.
+    The time becomes the column `time`. Lines that are not readings are left out and reported.
 
     Raises InputError if they are more than MOST_ODD of all.
     """
@@ -91,7 +92,9 @@ def read_lines(path: Path, text: str, sha256: str) -> Table | None:
     notes = list(layout.notes)
     if odd:
         lines = (
-            "1 line that is no reading is" if len(odd) == 1 else f"{len(odd)} lines that are no readings are"
+            "1 line that is not a reading is"
+            if len(odd) == 1
+            else f"{len(odd)} lines that are not readings are"
         )
         notes.append(f"{lines} left out: {listed(map(str, odd), _LISTED)}")
     if cut:
@@ -174,7 +177,7 @@ def _cells(path: Path, log: _Log) -> Layout | None:
     text = [""] * max(log.lines)
     for number, line in log.lines.items():
         text[number - 1] = re.sub(r"\s+", "\t", line.strip()) if blank else line
-    return _timed(laid_out(path, "\n".join(text)), log)
+    return _timed(layout_of_text(path, "\n".join(text)), log)
 
 
 def _timed(layout: Layout, log: _Log) -> Layout:

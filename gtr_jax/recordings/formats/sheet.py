@@ -12,7 +12,8 @@ import numpy as np
 from gtr_jax.errors import InputError, excerpt
 from gtr_jax.units import convert
 
-from .cells import ABSENT, SECOND, Cells, mark_of
+from .cells import ABSENT, Cells, mark_of
+from .time_stamps import SECOND
 
 
 @dataclass(frozen=True)
@@ -49,8 +50,8 @@ class Table:
         return self.columns[index].has_numbers()
 
     def refuse_unless_numbers(self) -> None:
-        """InputError if no cell is a number: what is no table of numbers is not to be quoted, as it is where
-        another file named it.
+        """InputError if no cell is a number: what is not a table of numbers is not to be quoted, as it is
+        where another file named it.
         """
         if not any(map(self.has_numbers, range(len(self.header)))):
             raise InputError(
@@ -96,10 +97,10 @@ class Table:
             index: of the column.
             most_absent: share of the cells that may be empty or NaN.
 
-        Raises InputError naming row and column of another cell that is no number.
+        Raises InputError naming row and column of another cell that is not a number.
         """
         cells = self.columns[index]
-        values = cells.plainly() if self.plain or self.decimal != "," else None
+        values = cells.plain_numbers() if self.plain or self.decimal != "," else None
         if values is None:
             values = cells.numbers(self.decimal)
         bad = ~np.isfinite(values)

@@ -10,7 +10,6 @@ from gtr_jax.errors import InputError
 
 from . import bags, expansion, matlab, parquet, tdms, workbook
 from .csv_text import read_csv
-from .large_csv import read_large
 from .lvm import is_lvm, read_lvm
 from .serial_lines import read_lines
 from .sheet import Table
@@ -55,7 +54,7 @@ def read_table(path: str | os.PathLike[str]) -> Table:
     del data
     if is_lvm(text):
         return read_lvm(path, text, sha256)
-    return read_lines(path, text, sha256) or read_large(path, text, sha256) or read_csv(path, text, sha256)
+    return read_lines(path, text, sha256) or read_csv(path, text, sha256)
 
 
 def _of_folder(path: Path) -> Table:

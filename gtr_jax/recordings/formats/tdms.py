@@ -11,11 +11,12 @@ import numpy as np
 
 from gtr_jax.errors import InputError, listed
 
-from .cells import SECOND, Numbers
+from .cells import NumberCells
 from .expansion import check_numbers
 from .quantities import SPELLINGS, plain_name
 from .sheet import Table
-from .subprocess_reader import Unreadable, read_in_subprocess
+from .subprocess_reader import read_in_subprocess
+from .time_stamps import SECOND
 
 MAGIC, ENDINGS = b"TDSm", (".tdms",)
 _WORDS = ("unit_string", "NI_UnitDescription")
@@ -40,12 +41,9 @@ def read_tdms(path: Path, data: bytes, sha256: str) -> Table:
 
     Raises InputError naming the file if it is damaged, holds more than a recording may, or no numbers.
     """
-    try:
-        channels = read_in_subprocess(channels_of, data)
-    except Unreadable as fault:
-        raise InputError(f"{path}: not a whole TDMS file ({fault}); export it again") from None
-    except InputError as fault:
-        raise InputError(f"{path}: {fault}") from None
+    channels = read_in_subprocess(
+        channels_of, data, path=path, intact="a complete TDMS file", remedy="export it again"
+    )
     found = [_Channel(*channel) for channel in channels]
     lengths = Counter(len(channel.values) for channel in found)
     if not lengths:
@@ -54,7 +52,7 @@ def read_tdms(path: Path, data: bytes, sha256: str) -> Table:
     kept = [channel for channel in found if len(channel.values) == count]
     names = Counter(channel.name for channel in kept)
     header = [c.name if names[c.name] == 1 else f"{c.group}/{c.name}" for c in kept]
-    units, columns = [c.unit for c in kept], [Numbers(c.values) for c in kept]
+    units, columns = [c.unit for c in kept], [NumberCells(c.values) for c in kept]
     notes = []
     if len(kept) < len(found):
         others = listed(f"'{c.name}'" for c in found if len(c.values) != count)
@@ -63,7 +61,7 @@ def read_tdms(path: Path, data: bytes, sha256: str) -> Table:
     clock = next(iter(clocks)) if len(clocks) == 1 else None
     if clock is not None and not any(SPELLINGS.get(plain_name(name)) == "time" for name in header):
         header, units = ["time", *header], ["s", *units]
-        columns = [Numbers(clock[0] + clock[1] * np.arange(count)), *columns]
+        columns = [NumberCells(clock[0] + clock[1] * np.arange(count)), *columns]
     return Table(
         path, sha256, header, columns, np.arange(1, count + 1), units, plain=True, notes=tuple(notes)
     )

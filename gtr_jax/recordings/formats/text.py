@@ -18,20 +18,20 @@ LARGEST = 1 << 30
 _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f]")
 
 
-def opened(path: str | os.PathLike[str], *, limited: bool = True) -> IO[bytes]:
+def open_file(path: str | os.PathLike[str], *, limited: bool = True) -> IO[bytes]:
     """A file opened for reading.
 
     Args:
         path: the file.
         limited: whether one of more than `LARGEST` bytes is refused.
 
-    Raises InputError if it is absent, cannot be read, or is no regular file: a pipe or a device may never
+    Raises InputError if it is absent, cannot be read, or is not a regular file: a pipe or a device may never
     end.
     """
     try:
         if not stat.S_ISREG(os.stat(path).st_mode):
             _refuse_kind(path)
-        stream = open(path, "rb", opener=_at_once)
+        stream = open(path, "rb", opener=_open_without_waiting)
     except FileNotFoundError:
         raise InputError(f"{path}: no such file; check the path") from None
     except InputError:
@@ -47,7 +47,7 @@ def opened(path: str | os.PathLike[str], *, limited: bool = True) -> IO[bytes]:
     return stream
 
 
-def _at_once(path: str, flags: int) -> int:
+def _open_without_waiting(path: str, flags: int) -> int:
     """A file descriptor, without waiting for who writes into a pipe."""
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
@@ -74,12 +74,12 @@ def _too_large(path: str | os.PathLike[str]) -> InputError:
 
 
 def read_bytes(path: str | os.PathLike[str]) -> bytes:
-    """The bytes of a file; InputError if it cannot be read, as of `opened`."""
-    with opened(path) as stream:
-        return whole(stream, path)
+    """The bytes of a file; InputError if it cannot be read, as of `open_file`."""
+    with open_file(path) as stream:
+        return read_all(stream, path)
 
 
-def whole(stream: IO[bytes], path: str | os.PathLike[str]) -> bytes:
+def read_all(stream: IO[bytes], path: str | os.PathLike[str]) -> bytes:
     """All that comes from a stream; InputError naming `path` if that is more than `LARGEST` bytes."""
     try:
         data = stream.read(LARGEST + 1)
@@ -93,12 +93,12 @@ def whole(stream: IO[bytes], path: str | os.PathLike[str]) -> bytes:
 def digest(path: Path) -> str:
     """SHA-256 of a file's bytes; of a folder, that of its files in the order of their names.
 
-    Raises InputError as `opened`, but for the size.
+    Raises InputError as `open_file`, but for the size.
     """
     files = sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]
     sha256 = hashlib.sha256()
     for file in files:
-        with opened(file, limited=False) as stream:
+        with open_file(file, limited=False) as stream:
             try:
                 while block := stream.read(1 << 20):
                     sha256.update(block)
@@ -129,7 +129,7 @@ def text_of(path: Path, data: bytes) -> str:
 
 
 def _decoded(data: bytes) -> str:
-    """Text of bytes; with a control character in it if they are no text."""
+    """Text of bytes; with a control character in it if they are not text."""
     odd, even = data[1:200:2], data[0:200:2]
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         encodings = ("utf-16",)

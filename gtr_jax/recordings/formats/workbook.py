@@ -9,10 +9,11 @@ from typing import Any
 
 from gtr_jax.errors import InputError
 
-from .csv_text import Rows, layout_of, table_of
-from .expansion import ZIP, members
+from .csv_layout import Rows, layout_of
+from .csv_text import table_of
+from .expansion import ZIP, archive_members
 from .sheet import Table
-from .subprocess_reader import Unreadable, read_in_subprocess
+from .subprocess_reader import read_in_subprocess
 
 OLE = b"\xd0\xcf\x11\xe0"  # how .xls files begin
 MAGICS = (ZIP, OLE)
@@ -31,17 +32,16 @@ def read_workbook(path: Path, data: bytes, sha256: str) -> Table:
     takes more memory than a recording should.
     """
     if data.startswith(ZIP):
-        names = members(path, data)
+        names = archive_members(path, data)
         if not any(name.startswith(_OF_EXCEL) or name == _OF_LIBREOFFICE for name in names):
             raise InputError(f"{path}: an archive and no workbook; unpack it and name the file in it")
-    try:
-        sheets = read_in_subprocess(sheets_of, data)
-    except Unreadable as fault:
-        raise InputError(
-            f"{path}: not a whole workbook, or one of too many cells ({fault}); export the sheet as CSV"
-        ) from None
-    except InputError as fault:
-        raise InputError(f"{path}: {fault}") from None
+    sheets = read_in_subprocess(
+        sheets_of,
+        data,
+        path=path,
+        intact="a complete workbook, or one of too many cells",
+        remedy="export the sheet as CSV",
+    )
     found = []
     for name, first, cells in sheets:
         rows, comments = _parted(first, cells)
