@@ -1,4 +1,4 @@
-"""The rivals of the march: other root finders for one residual, that of `gtr_jax.mechanics.several.problem`.
+"""The rivals of the march: other root finders for one residual, `whole_pull.residual`.
 
 `equilibrium` takes each of them and the march. They solve the same discrete equations from the same
 start, so their solutions agree and only their cost and their reach differ.
@@ -21,11 +21,12 @@ from gtr_jax import equilibrium as gtr_equilibrium
 from gtr_jax.mechanics import channel, rest_state
 from gtr_jax.mechanics.mesh import increments, shifted
 from gtr_jax.mechanics.sections import State, moment_slope
-from gtr_jax.mechanics.several.linear_solver import linearise, solve_linearised
-from gtr_jax.mechanics.several.problem import Problem, residual_norm, tension_of
-from gtr_jax.robot.robot import sections
-from gtr_jax.simulation.several import problem_of, solve_problem
 from gtr_jax.simulation.solution import Loaded, describe
+
+from .causal_solve import linearise, solve_linearised
+from .whole_pull import Pull, residual, residual_norm, tension_of
+
+MAX_STEPS = 256  # of a root finder
 
 
 class _RootFinder(optx.AbstractRootFinder):
@@ -53,11 +54,11 @@ class _NewtonState(eqx.Module):
 class StructuredNewton(_RootFinder):
     """Newton's method on all nodes at once, each step one causal recursion (two with external forces)."""
 
-    def init(self, fn, y: State, args: Problem, options: dict[str, Any], f_struct, aux_struct, tags):
+    def init(self, fn, y: State, args: Pull, options: dict[str, Any], f_struct, aux_struct, tags):
         del fn, y, options, f_struct, aux_struct, tags
         return _NewtonState(jnp.full_like(args.T_base, jnp.inf))
 
-    def step(self, fn, y: State, args: Problem, options, state, tags):
+    def step(self, fn, y: State, args: Pull, options, state, tags):
         del options, state, tags
         f, aux = fn(y, args)
         change = solve_linearised(linearise(y, args), f)
@@ -76,7 +77,7 @@ class DenseNewton(optx.Newton):
         return y, aux, stats | {"residual_norm": residual_norm(fn(y, args)[0], args)}
 
 
-def state_of(kappa: Float[Array, " N"], p: Problem) -> State:
+def state_of(kappa: Float[Array, " N"], p: Pull) -> State:
     """Angle, wrap and external moment that belong to a curvature: three sums along the backbone."""
     s = p.sections
     phi = jnp.cumsum(increments(s.mesh.weights, kappa))
@@ -113,13 +114,13 @@ class Anderson(_RootFinder):
     depth: int = 5
     damping: float = 1.0
 
-    def init(self, fn, y: State, args: Problem, options: dict[str, Any], f_struct, aux_struct, tags):
+    def init(self, fn, y: State, args: Pull, options: dict[str, Any], f_struct, aux_struct, tags):
         del fn, options, f_struct, aux_struct, tags
         n = y.kappa.shape[0]
         none, steps = jnp.zeros_like(y.kappa), jnp.zeros((self.depth, n), y.kappa.dtype)
         return _AndersonState(jnp.full_like(args.T_base, jnp.inf), none, none, steps, steps, jnp.asarray(0))
 
-    def step(self, fn, y: State, args: Problem, options, state: _AndersonState, tags):
+    def step(self, fn, y: State, args: Pull, options, state: _AndersonState, tags):
         del options, tags
         s = args.sections
         now = state_of(y.kappa, args)
@@ -154,11 +155,10 @@ def equilibrium(
     """`gtr_jax.equilibrium` of a robot of one tendon, by the march or by one of its rivals."""
     if isinstance(solver, SolverOptions):
         return gtr_equilibrium(robot, T_base, solver=solver)
-    s = sections(robot)
-    slack = jnp.zeros_like(s.rest)
-    found = solve_problem(problem_of(robot, s, jnp.asarray(T_base), slack), rest_state(s), solver)
-    y, p = found.value, problem_of(robot, s, jnp.asarray(T_base), slack)
-    tension = tension_of(y, p)
+    p = Pull.of(robot, jnp.asarray(T_base))
+    s = p.sections
+    found = optx.root_find(residual, solver, rest_state(s), args=p, max_steps=MAX_STEPS, throw=False)
+    y, tension = found.value, tension_of(found.value, p)
     done = Loaded(
         state=y,
         tension=tension,

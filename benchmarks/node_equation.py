@@ -11,16 +11,12 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
 from gtr_jax import SolverOptions
 from gtr_jax.mechanics import channel
-from gtr_jax.mechanics.several import friction
-from gtr_jax.mechanics.several.problem import Problem
-from gtr_jax.robot.robot import Robot, sections
-from gtr_jax.simulation.several import problem_of
 
 from . import measure, systems
+from .whole_pull import Pull, tension
 
 FLATTEST = 0.3
 
@@ -71,7 +67,7 @@ RULES: dict[str, Callable] = {
 }
 
 
-def one_pass(p: Problem, rule: Callable) -> tuple[jnp.ndarray, jnp.ndarray]:
+def one_pass(p: Pull, rule: Callable) -> tuple[jnp.ndarray, jnp.ndarray]:
     """Tip tension [N] and largest residual (as kappa L) after one pass without external forces."""
     s = p.sections
 
@@ -83,7 +79,7 @@ def one_pass(p: Problem, rule: Callable) -> tuple[jnp.ndarray, jnp.ndarray]:
         def tension_at(kappa):
             turn = known + w[0] * kappa
             wrap = wrap_before + channel.wrap_increment(turn, kappa, kappas[0], R, R_before, between)
-            return friction.tension(p.T_base, wrap, memory, p.mu), wrap
+            return tension(p.T_base, wrap, memory, p.mu), wrap
 
         def balance(kappa):
             moment = tension_at(kappa)[0] * channel.moment_arm(kappa, R) + p.tip_moment
@@ -93,8 +89,8 @@ def one_pass(p: Problem, rule: Callable) -> tuple[jnp.ndarray, jnp.ndarray]:
         for _ in range(2):
             near = rest + compliance * (tension_before * channel.moment_arm(near, R) + p.tip_moment)
         kappa = rule(balance, near)
-        tension, wrap = tension_at(kappa)
-        return ((kappa, *kappas[:-1]), wrap, tension), (tension, balance(kappa))
+        here, wrap = tension_at(kappa)
+        return ((kappa, *kappas[:-1]), wrap, here), (here, balance(kappa))
 
     zero = jnp.zeros_like(p.T_base)
     rows = (
@@ -106,14 +102,8 @@ def one_pass(p: Problem, rule: Callable) -> tuple[jnp.ndarray, jnp.ndarray]:
         s.mesh.interval,
         p.memory,
     )
-    tension, missing = jax.lax.scan(node, ((zero,) * 3, zero, p.T_base), rows)[1]
-    return tension[-1], jnp.max(jnp.abs(missing)) * s.mesh.s[-1]
-
-
-def first_pull(robot: Robot, T_base: Float[Array, ""]) -> Problem:
-    """The problem of one pull from a slack tendon."""
-    s = sections(robot)
-    return problem_of(robot, s, T_base, jnp.zeros_like(s.rest))
+    along, missing = jax.lax.scan(node, ((zero,) * 3, zero, p.T_base), rows)[1]
+    return along[-1], jnp.max(jnp.abs(missing)) * s.mesh.s[-1]
 
 
 def node_equation(quick: bool = False) -> dict[str, Any]:
@@ -125,7 +115,7 @@ def node_equation(quick: bool = False) -> dict[str, Any]:
         batch = systems.draws(system, 128 if quick else 1024, seed=2)
 
         def solve(x, rule, robot=robot):
-            return one_pass(first_pull(robot.with_values(mu=x["mu"], E=x["E"]), x["T_base"]), rule)
+            return one_pass(Pull.of(robot.with_values(mu=x["mu"], E=x["E"]), x["T_base"]), rule)
 
         out[system.name] = {}
         for name, rule in RULES.items():

@@ -80,14 +80,11 @@ IN_SPACE = (*PROGRAMS[:2], _LOADS, *((kind,) for kind in _ALONE), *PROGRAMS[2:])
 
 
 def programs_of(robot: Robot) -> list[tuple[str, ...]]:
-    """Names of the physics terms in each program that may simulate a robot, the fastest first: of several
-    tendons in one plane, whose friction follows the slip, each holds some.
-    """
+    """Names of the physics terms in each program that may simulate a robot, the fastest first."""
     may = every_for(robot)
     programs = IN_SPACE if robot.space else PROGRAMS
     held = [tuple(kind for kind in kinds if kind in may) for kinds in programs]
-    plain = robot.space or not robot.tendon_names
-    return [kinds for i, kinds in enumerate(held) if (kinds or (plain and i == 0)) and kinds not in held[:i]]
+    return list(dict.fromkeys(held))
 
 
 def program_for(robot: Robot, kinds: Collection[str]) -> tuple[str, ...]:

@@ -177,7 +177,7 @@ def untouched(
         carried: share of the external loads that the state carries.
     """
     none, at_base, nodes = jnp.zeros_like(tension), tension[0], tension.shape[0]
-    told = none if structure.terms else None
+    told = none if structure.counts_slip else None
     followed = none if structure.follows_slip else None
     count = max(term.elements for term in structure.catalogue.values())
     moment = state.moment[0]
@@ -235,8 +235,8 @@ def part_of(memory: Memory, structure: ProgramSpec) -> Memory:
     whole = _every(structure)
     displacement, moment, stop = _split(memory.unknowns, whole, jnp.zeros(0), jnp.zeros(()))
     asked = {
-        "slip": bool(structure.terms),
-        "mobilised": bool(structure.terms),
+        "slip": structure.counts_slip,
+        "mobilised": structure.counts_slip,
         "drawn_earlier": structure.reads_drawn,
         "middle": structure.follows_slip,
         "speed": structure.follows_slip,

@@ -1,9 +1,8 @@
 """How friction grips several tendons that share a body in the plane.
 
 A tendon may slip although its base tension is held, because the body under the others carries its channel
-along: the slip decides. The law is that of `several.slip`, which solves robots without terms: friction builds
-up over a slip of `PRESLIDING` of the length, or as the term `presliding` states it, and a tendon gives by
-`STRETCH` where no term states more.
+along: the slip decides. Friction builds up over a slip of `PRESLIDING` of the length (`coulomb`), or as the
+term `presliding` states it, and a tendon gives by `STRETCH` where no term states more.
 
 Where a tendon is locked, a march that starts from a slip at the base would let the least error grow without
 bound. So the unknown is not the slip at the base but, in each interval, one number xi = z + u/L: within

@@ -47,7 +47,9 @@ class Step(eqx.Module):
 
     Attributes:
         state: at the nodes; its wrap is the turning since the preceding node.
-        tension, slip, mobilised: along the tendons, (N, *tendons); the last two None in the base model.
+        tension, slip, mobilised: along the tendons, (N, *tendons); the last two None where no slip is
+            counted.
+        xi: how friction grips tendons that share their slip, (N, *tendons); None of others.
         before: tension and slip after the previous step.
         T_tip: tension at the anchor [N], (*tendons,).
         moved: how far the tendon's end at the tip was moved towards the base from outside [m]; None where no
@@ -61,6 +63,7 @@ class Step(eqx.Module):
     tension: Float[Array, "N *tendons"]
     slip: Float[Array, "N *tendons"] | None
     mobilised: Float[Array, "N *tendons"] | None
+    xi: Float[Array, "N *tendons"] | None
     before: tuple[Float[Array, "N *tendons"], Float[Array, "N *tendons"] | None]
     T_tip: Float[Array, "*tendons"]
     moved: Float[Array, ""] | None
@@ -102,7 +105,7 @@ def _case(robot: NodalRobot, structure: ProgramSpec, memory: Memory) -> Case:
         preload=slack,
         tip_moment=robot.tip_moment,
         terms=robot.terms,
-        metric=jnp.ones_like(memory.tension) if structure.terms else None,
+        metric=jnp.ones_like(memory.tension) if structure.counts_slip else None,
         load=Load.without_clock(slack),
         memory=memory,
         sliding=None,
@@ -130,10 +133,11 @@ Before = Callable[[State, Memory], Memory]
 
 def steps_before(structure: ProgramSpec) -> int:
     """Number of load steps before the first load: the robot settles with slack tendons under its external
-    loads, then the tendons are strung. Without terms stringing takes no step, because tendons remember their
-    tension only; without external loads settling takes none either, because the settled shape is known.
+    loads, then the tendons are strung. Where no slip is counted, stringing takes no step, because tendons
+    remember their tension only; without external loads settling takes none either, because the settled shape
+    is known.
     """
-    return 2 if structure.terms else int(structure.bends)
+    return 2 if structure.counts_slip else int(structure.bends)
 
 
 def loads_before(structure: ProgramSpec, preload: Any) -> list[tuple[Any, bool, bool]]:
@@ -195,7 +199,7 @@ def advance(
     s, strung_to, prefix = robot.sections, robot.preload, steps_before(structure)
     one = jnp.ones(())
     now = _case(robot, structure, settled.memory)
-    if structure.terms:
+    if structure.counts_slip:
         now = dataclasses.replace(now, metric=settled.metric, preload=settled.preload)
     if prefix == 2:
         still = _without_friction(robot, structure.catalogue)
@@ -218,6 +222,7 @@ def advance(
         tension=done.memory.tension,
         slip=done.memory.slip,
         mobilised=done.memory.mobilised,
+        xi=done.memory.xi,
         before=(settled.memory.tension, settled.memory.slip),
         T_tip=done.memory.T_tip,
         moved=moved,

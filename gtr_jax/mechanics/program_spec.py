@@ -43,7 +43,6 @@ class ProgramSpec:
         acting: whether all its terms are known to act, so that the law that holds a tendon is known.
         space: whether the robot may leave the plane, so that a node has three unknowns.
         laws: of the robot file, by which `terms` may be named too.
-        notched: whether the body has notches.
         skips: whether the laws of terms that do not act are passed over while it runs. The derivatives by
             their sizes are then lost.
     """
@@ -54,7 +53,6 @@ class ProgramSpec:
     acting: bool = False
     space: bool = False
     laws: tuple[Law, ...] = ()
-    notched: bool = False
     skips: bool = False
 
     @property
@@ -71,18 +69,18 @@ class ProgramSpec:
         return bool(self.hooks(name))
 
     @property
-    def plain_pair(self) -> bool:
-        """Whether it is of several tendons in the plane without terms, which `mechanics.several` solves, on a
-        body without notches.
-        """
-        return bool(self.tendons) and not self.terms and not self.space and not self.notched
-
-    @property
     def shares_slip(self) -> bool:
         """Whether the slip of several tendons, which the body they share moves, decides their friction: so it
         does in the plane. In space each is held against its own base tension, as one tendon is.
         """
-        return bool(self.tendons) and not self.plain_pair and not self.space
+        return bool(self.tendons) and not self.space
+
+    @property
+    def counts_slip(self) -> bool:
+        """Whether a step counts how far the tendons slip. The base model of one tendon, and of tendons in
+        space, compares tensions only.
+        """
+        return bool(self.terms) or self.shares_slip
 
     @property
     def softens(self) -> bool:

@@ -10,34 +10,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from .. import mechanics
-from ..mechanics import Load, ProgramSpec, SolverOptions, rest_state, untouched
+from ..mechanics import Load, ProgramSpec, SolverOptions, untouched
 from ..mechanics.sections import node_first
-from ..mechanics.several.rootfinder import RootFinder
-from ..mechanics.several.slip import Kept
 from ..robot.robot import Robot, sections
 from ..robot.validity import is_robot
 from .outcome import unless_outside
 from .programs import at_nodes, structure_of
-from .several import at_preload, load_step
 from .solution import Equilibrium, describe, loaded_of
-
-
-def _pair(
-    robot: Robot, T_base: Float[Array, " tendons"], before, how: SolverOptions, structure: ProgramSpec
-) -> Equilibrium:
-    """Several tendons without physics terms."""
-    one = jnp.ones(())
-    s, solver = sections(robot), RootFinder(atol=how.atol)
-    settled, kept = at_preload(robot, s, solver)
-    if isinstance(before, Equilibrium):
-        kept = Kept(before.tension, before.metric, before.mobilisation)
-    none = jnp.zeros_like(kept.tension)
-    done, _ = load_step(robot, s, T_base, kept, rest_state(s), settled, solver, none)
-    memory = untouched(structure, done.state, node_first(done.tension), one)
-    memory = dataclasses.replace(memory, T_base=T_base)
-    return describe(
-        s, robot.base, done, mechanics.complete(memory, structure, done.state, node_first(done.slip))
-    )
 
 
 @eqx.filter_jit
@@ -50,24 +29,7 @@ def solved(
     clock: Load | None = None,
 ) -> Equilibrium:
     """As `equilibrium`, with a structure that is decided; at a load step's time and pace, if given one."""
-    valid = is_robot(robot)
-    if structure.plain_pair:
-        found = _pair(robot, T_base, before, how, structure)
-    else:
-        found = _one(robot, T_base, before, how, structure, clock)
-    return dataclasses.replace(found, result=unless_outside(found.result, valid))
-
-
-def _one(
-    robot: Robot,
-    T_base: Float[Array, "*tendons"],
-    before: Equilibrium | Float[Array, " N"] | None,
-    how: SolverOptions,
-    structure: ProgramSpec,
-    clock: Load | None,
-) -> Equilibrium:
-    """One tendon, or with physics terms."""
-    s = sections(robot)
+    s, valid = sections(robot), is_robot(robot)
     one = jnp.ones(())
 
     def remembered(settled, never_pulled):
@@ -78,13 +40,19 @@ def _one(
         tension = before.tension if isinstance(before, Equilibrium) else before
         kept = untouched(structure, settled, node_first(tension), one)
         same = ("slip", "middle", "bent", "unknowns")
-        return dataclasses.replace(kept, **{name: getattr(never_pulled, name) for name in same})
+        kept = dataclasses.replace(kept, **{name: getattr(never_pulled, name) for name in same})
+        if not (isinstance(before, Equilibrium) and structure.shares_slip):
+            return kept
+        # A step of a history, whose memory is not kept: the slip from there decides.
+        mobilised = node_first(before.mobilisation)
+        return dataclasses.replace(kept, kappa=before.curvature, mobilised=mobilised, T_base=kept.entry)
 
     load = Load.without_clock(T_base) if clock is None else dataclasses.replace(clock, T_base=T_base)
     done, memory, settled = mechanics.one_step(at_nodes(robot, s), structure, load, how, remembered)
     step = loaded_of(s, structure, settled, done)
     whole = mechanics.complete(memory, structure, step.state, node_first(step.slip))
-    return describe(s, robot.base, step, whole)
+    found = describe(s, robot.base, step, whole)
+    return dataclasses.replace(found, result=unless_outside(found.result, valid))
 
 
 def equilibrium(

@@ -17,11 +17,9 @@ from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from ..errors import InputError
-from ..mechanics import Load, ProgramSpec, SolverOptions, metric_of, steps
+from ..mechanics import Load, ProgramSpec, SolverOptions, steps
 from ..mechanics.bodies import turning_of
-from ..mechanics.sections import State, either_of
-from ..mechanics.several.rootfinder import RootFinder
-from ..mechanics.several.slip import Kept
+from ..mechanics.sections import State
 from ..notebook import as_card
 from ..robot.robot import Robot, sections
 from ..robot.validity import is_robot
@@ -34,8 +32,7 @@ from .missed import trusted
 from .outcome import unless_missed, unless_outside
 from .programs import at_nodes, known_to_act, structure_of, unmoved_in
 from .sensing import Reading, cells_show, shown
-from .several import at_preload, load_step
-from .slipping import front_of, large_tension, moves_by_friction, moves_of
+from .slipping import front_of, large_tension, moves_of
 from .solution import (
     Equilibrium,
     Loaded,
@@ -157,25 +154,8 @@ def _first(run: Simulation, steps: int) -> Simulation:
     return Simulation(**own)
 
 
-def _pair(robot: Robot, loads: Load, solver: RootFinder):
-    """The steps of the base model of several tendons, and the direction of slip along them in each."""
-    s = sections(robot)
-    settled, kept = at_preload(robot, s, solver)
-
-    def step(carry, T_base):
-        kept, start, xi = carry
-        done, gripped = load_step(robot, s, T_base, kept, start, settled, solver, xi)
-        memory = Kept(done.tension, metric_of(s, done.state.kappa), done.mobilisation)
-        now = (memory, *jax.lax.stop_gradient((done.state, gripped)))
-        return either_of(done.converged, now, carry), (done, gripped)
-
-    start = (kept, *jax.lax.stop_gradient((settled, jnp.zeros_like(kept.tension))))
-    done, gripped = jax.lax.scan(step, start, loads.T_base)[1]
-    return done, jax.vmap(moves_by_friction)(gripped)
-
-
 def _solved(structure: ProgramSpec, robot: Robot, loads: Load, how: SolverOptions):
-    """Steps and directions of slip for one tendon, or with physics terms."""
+    """The steps, and the direction of slip along the tendons in each."""
     s = sections(robot)
     done, _, settled = steps(at_nodes(robot, s), structure, loads, how)
     loaded = jax.vmap(lambda step: loaded_of(s, structure, settled, step))(done)
@@ -193,10 +173,7 @@ def _run(
     robot: Robot, loads: Load, how: SolverOptions, structure: ProgramSpec, drawn: Bool[Array, " K"]
 ) -> Simulation:
     """The run; `drawn` says which steps have the base tensions that were asked for."""
-    if structure.plain_pair:
-        done, moves = _pair(robot, loads, RootFinder(atol=how.atol))
-    else:
-        done, moves = _solved(structure, robot, loads, how)
+    done, moves = _solved(structure, robot, loads, how)
     valid = is_robot(robot)
     # What is read off the states is computed for all steps at once, outside the loop.
     s = sections(robot)
@@ -283,8 +260,7 @@ def simulate(
         with_terms: which physics terms the program holds: True for all, though none may act, False for those
             of the load cells only, or their names. Unless given: those that act; under a transformation that
             traces their numbers, those that may act (`robot.acting`). There the numbers of another term that
-            is not of the load cells have no effect, and derivatives of zero. Several tendons have presliding
-            wherever the program holds a term, even at its null.
+            is not of the load cells have no effect, and derivatives of zero.
         solver: as for `equilibrium`.
 
     Returns:
@@ -345,7 +321,7 @@ def _tensions(
     former misses a displacement.
     """
     known = not any(isinstance(leaf, Tracer) for leaf in jtu.tree_leaves((robot, loads, drawn)))
-    if known and not structure.plain_pair and not OWN & {*structure.terms}:
+    if known and not OWN & {*structure.terms}:
         from .natively import base_tensions  # imported here, since it takes a compiler that few runs need
 
         found = base_tensions(robot, structure, loads, how, drawn)

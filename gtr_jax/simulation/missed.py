@@ -9,8 +9,9 @@ still be off. It counts as converged again once
 - or, of one tendon, the loads that were missed lie on the way from the last good step to this one: friction
   holds the same whether that way is gone in one step or in several.
 
-The former does not hold where friction follows the slip, neither where a law remembers more than the tension
-that friction holds: the body's past, the time, the speed, or what was drawn out. Steps then stay flagged.
+The former does not hold where friction follows the slip by a law of a physics term, which may build it up
+over a long one, neither where a law remembers more than the tension that friction holds: the body's past, the
+time, the speed, or what was drawn out. Steps then stay flagged.
 """
 
 from __future__ import annotations
@@ -63,6 +64,7 @@ def trusted(
         length: of the body [m].
     """
     steps = met.shape[0]
+    by_term = structure.shares_slip and bool(structure.terms)
     loads, ways, fronts = (a.reshape(steps, -1) for a in (T_base, *slip))
     slips = (ways != 0) & (fronts >= (1.0 - WHOLE) * length)
 
@@ -71,7 +73,7 @@ def trusted(
         gone = at.way + jnp.sum(jnp.abs(load - at.last))
         low, high = jnp.minimum(at.low, load), jnp.maximum(at.high, load)
         beyond = jnp.where(way > 0, load >= high, load <= low)
-        again = jnp.all(slips & beyond | (load <= SLACK)) & (not structure.shares_slip)
+        again = jnp.all(slips & beyond | (load <= SLACK)) & (not by_term)
         straight = gone <= (1.0 + STRAIGHT) * jnp.sum(jnp.abs(load - at.good))
         again = again | (straight & ~at.off & (not structure.tendons))
         good = met & (~at.missed | again & (not structure.remembers))

@@ -264,7 +264,8 @@ def _program(structure: ProgramSpec, how: SolverOptions, kind: _Kind, shapes: tu
 
     given = fixed.robot.sections
     drives = tuple(tendon.drive for tendon in fixed.tendons) if drawn else ()
-    key = (structure, how, kind, leaves, given.beyond is None, given.guides is None, drives)
+    parts = (given.beyond is None, given.guides is None, given.closing is None)
+    key = (structure, how, kind, leaves, parts, drives)
     # What is on disk was compiled from other files than those of a user's term.
     kept = None if OWN & {*structure.terms} else _kept()
     return Program(first, step, fixed, jax.eval_shape(row), key, kept=kept, lanes=lanes)
@@ -363,9 +364,6 @@ class _Body(NamedTuple):
 class Native:
     """The native programs of a robot: one for each structure, for any numbers.
 
-    Several tendons in one plane are solved as `mechanics.march` does it, with their friction built up over a
-    short slip; their structure has to hold a term, which need not act.
-
     Args:
         robot: the robot, or one that differs from it in its numbers only.
     """
@@ -422,8 +420,6 @@ class Native:
     def _gone_through(
         self, runs: Sequence[Run], structure: ProgramSpec, how: SolverOptions, lanes: int
     ) -> list[Brief]:
-        if structure.plain_pair:
-            raise ValueError("several tendons in one plane: give a structure that holds a term")
         structure, shapes, places = _needed(structure, self._shapes)
         program = _program(structure, how, self._kind, shapes, lanes)
         each = [self._inputs(run.ready, structure, run.loads, run.drawn, places) for run in runs]

@@ -11,7 +11,7 @@ from jaxtyping import Array
 
 from .. import mechanics
 from ..mechanics import ProgramSpec, every, in_order
-from ..mechanics.program_spec import PRESLIDING, carried
+from ..mechanics.program_spec import carried
 from ..mechanics.sections import Sections
 from ..robot.robot import Robot, tip_moment_of
 from ..terms import known_acting, known_on
@@ -59,18 +59,12 @@ def structure_with(robot: Robot, terms: Collection[str]) -> ProgramSpec:
     """
     loads = any(robot.catalogue[kind].loads for kind in terms)
     refuse_in_space(robot, terms)
-    given = in_order(terms, robot.laws)
-    if robot.backbone.notches and robot.tendon_names and not given:
-        # Several tendons without terms have a solver of their own, which knows no notches. The others follow
-        # the slip, by this term, whose numbers are those of none.
-        given = (PRESLIDING,)
     return ProgramSpec(
-        given,
+        in_order(terms, robot.laws),
         len(robot.tendon_names),
         robot.loaded or loads or _tip_moment_acts(robot),
         space=robot.space,
         laws=robot.laws,
-        notched=bool(robot.backbone.notches),
     )
 
 

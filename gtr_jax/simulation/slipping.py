@@ -74,8 +74,8 @@ def front_of(s, sign):
 
 
 def moves_of(s: Sections, structure: ProgramSpec, rigid: bool, step: Step, done: Loaded, scale):
-    """Direction of slip along the tendons in a step, (*tendons, N): by tension in the base model, by slip
-    with physics terms.
+    """Direction of slip along the tendons in a step, (*tendons, N): with physics terms by slip, without them
+    by friction where the slip decides, else by tension.
 
     Args:
         s: the robot at its nodes.
@@ -86,6 +86,8 @@ def moves_of(s: Sections, structure: ProgramSpec, rigid: bool, step: Step, done:
     """
     before = s.to_anchor(jnp.moveaxis(step.before[0], 0, -1))
     if not structure.terms:
+        if step.xi is not None:
+            return moves_by_friction(jnp.moveaxis(step.xi, 0, -1))
         return moves_by_tension(done.tension, before, scale)
     assert step.slip is not None and step.before[1] is not None and step.mobilised is not None
     slipped = jnp.moveaxis(step.slip - step.before[1], 0, -1)

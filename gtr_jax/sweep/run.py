@@ -66,7 +66,7 @@ def run_here(task: Task, store: Store, blocks: Sequence[int], progress: Report, 
     lanes = Lanes(task)
     compiled = time.monotonic()
 
-    count = threads_of(task, threads)
+    count = threads_of(threads)
     done = 0
     meter = Meter(task, blocks, progress)
     with ThreadPoolExecutor(count) as pool:
@@ -97,19 +97,13 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def threads_of(task: Task, wanted: int) -> int:
-    """Threads to solve a sweep in: as many as wanted, or one per core; one where more would not help.
-
-    Several tendons in the plane need batches of dense systems; when two threads solve these by LAPACK at
-    once, they wait for each other for ever on XLA's CPU backend (jaxlib 0.10.2). An accelerator is busy with
-    one batch.
+def threads_of(wanted: int) -> int:
+    """Threads to solve a sweep in: as many as wanted, or one per core; one on an accelerator, which is busy
+    with one batch.
     """
     import jax
 
-    dense = task.robot.tendon_names and not task.robot.space
-    if dense or jax.default_backend() != "cpu":
-        return 1
-    return wanted or cores()
+    return 1 if jax.default_backend() != "cpu" else wanted or cores()
 
 
 def in_turn(blocks: Iterable[int], submit, first_done, ahead: int) -> Iterator:
@@ -187,7 +181,7 @@ class Estimate:
 
 def estimate(task: Task, threads: int = 0) -> Estimate:
     """Compile the program and time it on the first block of a sweep, in every thread, writing nothing."""
-    count = threads_of(task, threads)
+    count = threads_of(threads)
     began = time.monotonic()
     lanes = Lanes(task)
     compiling = time.monotonic() - began

@@ -14,6 +14,7 @@ import gtr_jax as gtr
 sys.path.insert(0, str(Path(__file__).parents[2]))  # benchmarks is not installed
 from benchmarks import gate, measure, node_equation, noisy, solver_study, speed, systems
 from benchmarks.candidates import CANDIDATES, equilibrium
+from benchmarks.whole_pull import Pull
 
 RIVALS = [name for name in CANDIDATES if name != "march"]
 
@@ -32,8 +33,8 @@ def test_candidates_find_the_march_s_solution(system, name):
 def test_the_pass_that_is_timed_is_the_march():
     system = systems.TDCM_1
     robot = system.robot()
-    problem = node_equation.first_pull(robot, jnp.asarray(system.T_base))
-    T_tip, left = node_equation.one_pass(problem, node_equation.RULES["fixed point, two secants"])
+    pull = Pull.of(robot, jnp.asarray(system.T_base))
+    T_tip, left = node_equation.one_pass(pull, node_equation.RULES["fixed point, two secants"])
     assert float(left) < 1e-12
     exact = gtr.equilibrium(robot, system.T_base, solver=gtr.SolverOptions(atol=1e-12)).T_tip
     assert float(T_tip) == pytest.approx(float(exact), rel=1e-11)

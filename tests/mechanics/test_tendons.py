@@ -184,6 +184,8 @@ def test_shapes_and_names(pair):
     again = gtr.equilibrium(pair, [8.0, 6.0], memory=first)
     run = gtr.simulate(pair, [[8.0, 5.0], [8.0, 6.0]])
     np.testing.assert_allclose(again.tension, run.tension[1], atol=1e-6)
+    onward = gtr.equilibrium(pair, [8.0, 6.0], memory=gtr.equilibrium_at(pair, run, 0))
+    np.testing.assert_allclose(onward.tension, run.tension[1], atol=1e-6)
     with pytest.raises(ValueError, match="give the equilibrium before"):
         gtr.equilibrium(pair, [8.0, 6.0], memory=first.tension[0])
 
@@ -304,7 +306,8 @@ def test_gradients_with_terms_agree_with_differences(pair):
     assert float(backwards) == pytest.approx(float(slopes["mu.left"][5, 0]), rel=1e-9)
 
 
-def test_native_code_gives_the_same_with_a_term(pair):
+@pytest.mark.parametrize("kinds", [(), ("tendon-stretch",)], ids=["without terms", "with one"])
+def test_native_code_gives_the_same(pair, kinds):
     from gtr_jax.mechanics import SolverOptions
     from gtr_jax.simulation.history import loads_of
     from gtr_jax.simulation.natively import steps_natively
@@ -312,9 +315,10 @@ def test_native_code_gives_the_same_with_a_term(pair):
 
     history = random_histories(2)[1]
     loads = loads_of(jnp.asarray(history), jnp.arange(len(history), dtype=float), None)
-    kinds = ("tendon-stretch",)
     native = steps_natively(pair, structure_of(pair, kinds), loads, SolverOptions(), None)
     run = gtr.simulate(pair, history, with_terms=kinds)
     assert native.converged.all()
     np.testing.assert_allclose(native.T_tip, run.T_tip, rtol=0, atol=1e-9)
     np.testing.assert_allclose(native.displacement, run.displacement, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(native.slip_direction, run.slip_direction)
+    np.testing.assert_allclose(native.slip_front, run.slip_front, rtol=1e-12)

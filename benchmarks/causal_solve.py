@@ -1,4 +1,4 @@
-"""The structured linear solver: one causal recursion instead of an N x N factorisation.
+"""Linear solves of `whole_pull.residual`: one causal recursion instead of an N x N factorisation.
 
 Linearised, each node's curvature, angle, tension and external moment follow from its predecessors; only the
 external moment at the base is unknown, and a second recursion carries its effect to the tip, where it is
@@ -13,33 +13,34 @@ import jax.numpy as jnp
 import jax.tree_util as jtu
 from jaxtyping import Array, Float
 
-from .. import channel
-from ..mesh import STENCIL, shifted
-from ..sections import State, at_tendons, moment_slope, node_first, over_tendons
-from .problem import Problem, mobilised, tension_at, tension_of
+from gtr_jax.mechanics import channel
+from gtr_jax.mechanics.mesh import STENCIL, shifted
+from gtr_jax.mechanics.sections import State, moment_slope
+
+from .whole_pull import Pull, tension, tension_of
 
 
 class Linearisation(eqx.Module):
-    """Partial derivatives of the node equations at a state, each (N,), or (*tendons, N) where stated.
+    """Partial derivatives of the node equations at a state, each (N,).
 
     Attributes:
         weights: quadrature weights (N, 4).
         diagonal: d(moment balance)/d(kappa) at fixed tension and moment.
         compliance: 1/EI.
-        rate: d(bending)/d(wrap_i), compliance times moment arm times dT_i/d(wrap_i), (*tendons, N).
+        rate: d(bending)/d(wrap), compliance times moment arm times dT/d(wrap).
         by_turn, by_kappa, by_kappa_before: d(wrap increment)/d(phi_i - phi_(i-1)), /d(kappa_i),
-            /d(kappa_(i-1)), (*tendons, N).
+            /d(kappa_(i-1)).
         load: d(M_ext')/d(phi).
-        loaded: as in Problem.
+        loaded: as in `Pull`.
     """
 
     weights: Float[Array, "N 4"]
     diagonal: Float[Array, " N"]
     compliance: Float[Array, " N"]
-    rate: Float[Array, "*tendons N"]
-    by_turn: Float[Array, "*tendons N"]
-    by_kappa: Float[Array, "*tendons N"]
-    by_kappa_before: Float[Array, "*tendons N"]
+    rate: Float[Array, " N"]
+    by_turn: Float[Array, " N"]
+    by_kappa: Float[Array, " N"]
+    by_kappa_before: Float[Array, " N"]
     load: Float[Array, " N"]
     loaded: bool = eqx.field(static=True)
 
@@ -54,26 +55,22 @@ def _partials(fn, *args):
     return out
 
 
-def linearise(y: State, p: Problem) -> Linearisation:
-    """Partial derivatives of `problem.residual` at y; elementwise, so it costs a few residuals."""
+def linearise(y: State, p: Pull) -> Linearisation:
+    """Partial derivatives of the residual at y; elementwise, so it costs a few residuals."""
     s = p.sections
-    geometry = at_tendons((y.phi - shifted(y.phi), y.kappa, shifted(y.kappa)), s.R)
-    before, between = s.R.before(), at_tendons(s.mesh.interval, s.R)
 
     def wrap(turn, kappa, kappa_before):
-        turned = channel.wrap_increment(turn, kappa, kappa_before, s.R, before, between)
-        return mobilised(turned, p.mobilisation)
+        return channel.wrap_increment(turn, kappa, kappa_before, s.R, s.R.before(), s.mesh.interval)
 
-    kappa = geometry[1]
-    arm, arm_slope = jax.jvp(lambda k: channel.moment_arm(k, s.R), (kappa,), (jnp.ones_like(kappa),))
-    by_turn, by_kappa, by_kappa_before = _partials(wrap, *geometry)
-    T_base, mu = p.T_base[..., None], p.mu[..., None]
-    (by_wrap,) = _partials(lambda w: tension_at(T_base, w, p.memory, mu), y.wrap)
+    turn = y.phi - shifted(y.phi)
+    by_turn, by_kappa, by_kappa_before = _partials(wrap, turn, y.kappa, shifted(y.kappa))
+    arm, arm_slope = jax.jvp(lambda k: channel.moment_arm(k, s.R), (y.kappa,), (jnp.ones_like(y.kappa),))
+    (by_wrap,) = _partials(lambda w: tension(p.T_base, w, p.memory, p.mu), y.wrap)
     return Linearisation(
         weights=s.mesh.weights,
-        diagonal=1.0 - s.compliance * over_tendons(tension_of(y, p) * arm_slope, 1),
+        diagonal=1.0 - s.compliance * tension_of(y, p) * arm_slope,
         compliance=s.compliance,
-        rate=at_tendons(s.compliance, s.R) * arm * by_wrap,
+        rate=s.compliance * arm * by_wrap,
         by_turn=by_turn,
         by_kappa=by_kappa,
         by_kappa_before=by_kappa_before,
@@ -100,35 +97,26 @@ def _recursion(a: Linearisation, r: State, moment_base) -> State:
             moment_k = w_i[0] * load * w_i[0]
         else:
             moment, moment_k = rm, 0.0
-        kappa = rk + over_tendons(rate * wrap, 0) + compliance * moment
-        kappa = kappa / (diagonal - over_tendons(rate * wrap_k, 0) - compliance * moment_k)
+        kappa = rk + rate * wrap + compliance * moment
+        kappa = kappa / (diagonal - rate * wrap_k - compliance * moment_k)
         phi = phi_before + turn + w_i[0] * kappa
         out = State(kappa, phi, wrap + wrap_k * kappa, moment + moment_k * kappa)
         carry = ((kappa, *kappas[:-1]), (load * phi, *loads[:-1]), out.wrap, out.phi, out.moment)
         return carry, out
 
     zero = jnp.zeros_like(r.kappa[0])
-    no_wrap = jnp.zeros_like(r.wrap[..., 0])
-    start = ((zero,) * (STENCIL - 1), (zero,) * (STENCIL - 1), no_wrap, zero, zero + moment_base)
+    start = ((zero,) * (STENCIL - 1), (zero,) * (STENCIL - 1), zero, zero, zero + moment_base)
     rm = r.moment.at[0].set(0.0) if a.loaded else r.moment
-    per_tendon = (a.rate, a.by_turn, a.by_kappa, a.by_kappa_before)
-    rate, by_turn, by_kappa, by_kappa_before, rw = node_first((*per_tendon, r.wrap))
-    rows = (w, a.diagonal, a.compliance, rate, by_turn, by_kappa, by_kappa_before, a.load)
-    y = jax.lax.scan(node, start, (*rows, r.kappa, r.phi, rw, rm))[1]
-    return State(y.kappa, y.phi, jnp.moveaxis(y.wrap, 0, -1), y.moment)
-
-
-def response_to_base_moment(a: Linearisation) -> State:
-    """Change of the state per external moment at the base [1/(N m)]; only the tip's equation is violated."""
-    zero = jnp.zeros_like(a.diagonal)
-    return _recursion(a, State(zero, zero, jnp.zeros_like(a.rate), zero), 1.0)
+    rows = (w, a.diagonal, a.compliance, a.rate, a.by_turn, a.by_kappa, a.by_kappa_before, a.load)
+    return jax.lax.scan(node, start, (*rows, r.kappa, r.phi, r.wrap, rm))[1]
 
 
 def solve_linearised(a: Linearisation, r: State) -> State:
-    """Solve J x = r for the Jacobian J of `problem.residual`."""
+    """Solve J x = r for the Jacobian J of the residual."""
     if not a.loaded:
         return _recursion(a, r, 0.0)
     particular = _recursion(a, r, 0.0)
-    homogeneous = response_to_base_moment(a)
-    moment_base = (r.moment[0] - particular.moment[-1]) / homogeneous.moment[-1]
-    return jtu.tree_map(lambda x, h: x + moment_base * h, particular, homogeneous)
+    zero = jnp.zeros_like(a.diagonal)
+    by_moment = _recursion(a, State(zero, zero, zero, zero), 1.0)
+    moment_base = (r.moment[0] - particular.moment[-1]) / by_moment.moment[-1]
+    return jtu.tree_map(lambda x, h: x + moment_base * h, particular, by_moment)
