@@ -4,6 +4,10 @@ and on those of an augmented Lagrangian for the limits, many starts at once.
 For limits c(z) >= 0 with multipliers l and penalty r, the augmented Lagrangian is half the sum of squares of
 sqrt(r) max(0, l/r - c) (Hestenes, Powell, Rockafellar), so that with the targets it is one least squares
 problem. Where the targets are met, the multipliers vanish and one round is enough.
+
+The loop is not that of `calibrate/inference/least_squares.py`, which goes from step to step on the host: this
+one runs inside a compiled program, rounds of the Lagrangian included, and its damping and its linear solver
+lead to designs of other digits.
 """
 
 from __future__ import annotations

@@ -13,8 +13,8 @@ from calibrate.fitting.fit import channels_of, driven_as_recorded, part_of
 from calibrate.inference.channels import CHANNELS, quantity_of
 from calibrate.inference.free import distinct
 from calibrate.inference.instruments import cells_of, explained_first, instruments
+from calibrate.inference.load_history import padded_history
 from calibrate.inference.number import Number, values_in
-from calibrate.inference.predictor import padded_history
 from calibrate.inference.samples import some_samples
 from calibrate.inference.setup import Observation, check_columns, check_noise, recorded
 from calibrate.inference.simulated_rig import SimulatedRig, friction_of, program_for, resolution_of

@@ -400,7 +400,8 @@ def _run(setup: Setup) -> FitResult:
     for part, prediction in zip(setup.parts, first, strict=True):
         rms = np.sqrt(np.mean(part.residual(prediction) ** 2, axis=1))
         sd = part.pooled(np.maximum(part.least(part.noises()), rms))
-        weighs.append(part.weighing(prediction, sd))
+        stretch = part.stretch(prediction.T_tip)
+        weighs.append(part.weighing(prediction.slips, prediction.slopes, sd, stretch))
     problem = dataclasses.replace(problem, weighs=tuple(weighs))
     known, iterations, answer, evaluations = first, 0, None, found.evaluations + 1
     for k in range(ROBUST_REWEIGHINGS if setup.robust else REWEIGHINGS):

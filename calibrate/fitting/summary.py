@@ -21,8 +21,8 @@ from calibrate.inference.estimate import (
 )
 from calibrate.inference.number import is_log
 from calibrate.inference.objective import all_converged
-from calibrate.inference.predictor import Prediction
 from calibrate.inference.setup import Observation, Setup
+from calibrate.inference.simulated_readings import Prediction
 from gtr_jax import InputError, RobotConfig
 from gtr_jax.recordings.base_tension import BaseTension
 from gtr_jax.recordings.signals.differences import MAD_TO_SD

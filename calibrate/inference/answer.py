@@ -15,8 +15,8 @@ from .coordinates import Coordinates
 from .descent import Descent
 from .estimate import UNKNOWN, UNKNOWN_WITHOUT_SCALE, Uncertainty, shares_of_variance, uncertainty
 from .objective import Objective
-from .predictor import Prediction
 from .setup import Observation, Setup
+from .simulated_readings import Prediction
 from .weighing import Weighing
 
 # Rounds, at most, of scaling the errors until chi-square per degree of freedom is 1.
@@ -234,7 +234,7 @@ def _levelled(setup: Setup, part: Observation, prediction: Prediction, noises: S
     share = np.ones_like(residual)
 
     def weighed(sd: np.ndarray) -> tuple[Weighing, np.ndarray]:
-        weigh = part.weighing(prediction, sd)
+        weigh = part.weighing(prediction.slips, prediction.slopes, sd, part.stretch(prediction.T_tip))
         return weigh, part.pooled_squares(_squares(setup, weigh, residual, share, n) / degrees)
 
     weigh, chi2 = weighed(least)

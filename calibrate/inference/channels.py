@@ -114,11 +114,16 @@ def words_of(channel: str) -> str:
     return f"the angle at marker {marker}" if axis == ANGLE else f"the {axis} of marker {marker}"
 
 
+def is_of_marker(channel: str) -> bool:
+    """Whether a channel is the place of a marker, or the angle of its section."""
+    return quantity_of(channel) not in _WORDS
+
+
 def instrument_of(channel: str) -> str:
     """What the channels have in common that one instrument measures with one error: the places of all
     markers, the angles of their sections; else the channel itself.
     """
-    if quantity_of(channel) in _WORDS:
+    if not is_of_marker(channel):
         return channel
     return "marker angles" if unit_of(channel) == "rad" else "marker places"
 
@@ -129,7 +134,7 @@ def chosen_by(channel: str) -> tuple[str, ...]:
     """
     quantity = quantity_of(channel)
     whole = quantity.rpartition("_")[0]
-    part = quantity in ROTATION or quantity not in _WORDS
+    part = quantity in ROTATION or is_of_marker(channel)
     return (channel, quantity, *([whole] if part else []))
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from .least_squares import WITH_DERIVATIVES, Rules, Step, minimise
 from .objective import Objective, all_converged
-from .predictor import Prediction
+from .simulated_readings import Prediction
 
 # The variables are chosen so that their Hessian is WHITE^2 at the start: the first damping, 1, hardly
 # shortens the step.

@@ -12,18 +12,12 @@ import dataclasses
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from gtr_jax import InputError, Robot
-from gtr_jax.simulation.markers import marker_rows
-from gtr_jax.simulation.natively import Brief
 
-from .channels import CHANNELS, ROTATION, Orientation, of_tendons, quantity_of, tendon_of, turned_by, unit_of
+from .channels import CHANNELS, of_tendons, quantity_of, tendon_of, unit_of
 from .setup import Observation
-
-_turned_by = jax.jit(turned_by)
 
 
 def instruments(robot: Robot, recorded: Sequence[str]) -> tuple[str, ...]:
@@ -43,47 +37,6 @@ def instruments(robot: Robot, recorded: Sequence[str]) -> tuple[str, ...]:
         ]
         every = (*of_tendons("T_tip", robot), *pose, *ends)
     return tuple(dict.fromkeys((*every, *recorded)))
-
-
-def shown(
-    robot: Robot,
-    run: Brief,
-    channels: Sequence[str],
-    *,
-    cells: tuple[np.ndarray, np.ndarray],
-    orientation: Orientation | None,
-    places: np.ndarray | None,
-) -> np.ndarray:
-    """What the instruments show of a simulation, SI, (C, K).
-
-    Args:
-        robot: what was simulated.
-        run: the simulation.
-        channels: names of what is wanted.
-        cells: what the cells at base and tip show [N], (K, *tendons) each.
-        orientation: of the tip as recorded, where it is compared.
-        places: of the markers [m] and angles of their sections [rad], (K, markers, 4), where they are.
-    """
-    rows: dict[str, np.ndarray] = {}
-    if run.shape is None:
-        rows |= dict(zip(("tip_x", "tip_y", "tip_angle"), run.tip_pose.T, strict=True))
-    else:
-        rows |= dict(zip(("tip_x", "tip_y", "tip_z"), run.shape.position[:, -1].T, strict=True))
-    if orientation is not None:
-        assert run.shape is not None
-        turned = np.asarray(_turned_by(jnp.asarray(run.shape.rotation[:, -1]), orientation))
-        rows |= dict(zip(ROTATION, turned.T, strict=True))
-    if places is not None:
-        rows |= marker_rows(robot, places)
-    ends = {"T_base": cells[0], "T_tip": cells[1], "displacement": run.displacement}
-
-    def row(name: str) -> np.ndarray:
-        if name in rows:
-            return rows[name]
-        values = ends[quantity_of(name)]
-        return values[:, tendon_of(name, robot)] if robot.tendon_names else values
-
-    return np.stack([row(name) for name in channels])
 
 
 def explained_first(parts: Sequence[Observation]) -> list[Observation]:

@@ -11,8 +11,9 @@ import numpy as np
 from gtr_jax.recordings.base_tension import exact
 
 from .coordinates import Coordinates
-from .predictor import Prediction, Predictor, predict_all
+from .predictor import Predictor
 from .setup import Observation, Setup
+from .simulated_readings import Prediction, simulate_all
 from .weighing import Weighing
 
 # Range searched: this factor up and down for a positive parameter; this many scales to each side for others.
@@ -87,7 +88,7 @@ class Objective:
 
     def predict(self, u: np.ndarray) -> tuple[Prediction, ...] | None:
         """The recordings at coordinates u, (p,); None where the simulator breaks down."""
-        return predict_all(self.predictors, u)
+        return simulate_all(self.predictors, [u])[0]
 
     def residuals(self, predictions: tuple[Prediction, ...]) -> np.ndarray:
         """Weighed residuals of all recordings, (D,)."""
@@ -104,18 +105,20 @@ class Objective:
             [weigh(prediction.jacobian) for weigh, prediction in zip(self.weighs, predictions, strict=True)]
         )
 
+    def prior(self, u: np.ndarray) -> np.ndarray:
+        """Residuals of the priors, (p,), at u."""
+        return (u - self.centre) * self.precision
+
     def rows(self, u: np.ndarray, predictions: tuple[Prediction, ...]) -> tuple[np.ndarray, np.ndarray]:
         """Residuals of data and priors, (D+p,), and their Jacobian, (D+p, p), at u."""
-        prior = (u - self.centre) * self.precision
         data, slopes = self.residuals(predictions), self.jacobian(predictions)
-        return np.concatenate([data, prior]), np.concatenate([slopes, np.diag(self.precision)])
+        return np.concatenate([data, self.prior(u)]), np.concatenate([slopes, np.diag(self.precision)])
 
     def cost(self, u: np.ndarray, predictions: tuple[Prediction, ...] | None) -> float:
         """Sum of squares; infinite where a simulation failed."""
         if not all_converged(predictions):
             return np.inf
-        prior = (u - self.centre) * self.precision
-        return float(np.sum(self.residuals(predictions) ** 2) + np.sum(prior**2))
+        return float(np.sum(self.residuals(predictions) ** 2) + np.sum(self.prior(u) ** 2))
 
 
 def all_converged(predictions: tuple[Prediction, ...] | None) -> TypeGuard[tuple[Prediction, ...]]:

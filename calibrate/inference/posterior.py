@@ -19,8 +19,9 @@ from gtr_jax import InputError, Robot
 
 from .answer import Answer
 from .coordinates import Coordinates
+from .load_history import LoadHistory
 from .posterior_draws import EXTRA, Posterior
-from .predictor import History, Predictor, shown
+from .predictor import Predictor, shown
 from .setup import Observation, Setup
 from .weighing import Weighing
 
@@ -111,7 +112,7 @@ class _Target(eqx.Module):
 
     robot: Robot
     at: Coordinates
-    history: History
+    history: LoadHistory
     before: Int[Array, " K"]
     after: Int[Array, " K"]
     share: Float[Array, " K"]

@@ -33,8 +33,8 @@ from .channels import (
 from .coordinates import Coordinates, coordinates, places
 from .free import Free
 from .number import Number, number_at
-from .predictor import Prediction
 from .several import SeveralWeighing
+from .simulated_readings import Prediction
 from .weighing import Weighing
 
 # Least error of a channel, as a share of its size; and its error in the search for a start, as a share of its
@@ -228,14 +228,27 @@ class Observation:
             found[c] = term.quantities[0].typical * float(self.robot.backbone.length) * mean
         return found
 
-    def weighing(self, prediction: Prediction, sd: np.ndarray) -> Weighing:
-        """The weighing of residuals for a simulation, with one error for each channel, (C,)."""
-        stretch = self.stretch(prediction.T_tip)
+    def weighing(
+        self,
+        slips: np.ndarray,
+        slopes: Sequence[np.ndarray | None],
+        sd: np.ndarray,
+        stretch: np.ndarray | None = None,
+    ) -> Weighing:
+        """The weighing of residuals, with one error for each channel, by what a simulation shows.
+
+        Args:
+            slips: whether slip reaches the anchor, (K, *tendons).
+            slopes: change of the channels by what drives each tendon, (C, K) each; None takes that as exact.
+            sd: standard deviations of the channels, (C,).
+            stretch: as from `stretch`; the tendons do not stretch unless given.
+        """
+        stretch = np.zeros(self.recorded.shape) if stretch is None else stretch
         if self.others:
-            return SeveralWeighing.of_all(
-                self.drives, prediction.slips, prediction.slope, self.channels, sd, stretch
-            )
-        return Weighing.of(self.T_base, prediction, self.channels, sd, self.T_base.believed, stretch)
+            weigh = SeveralWeighing.of_all(self.drives, slips, slopes, self.channels, sd, stretch)
+        else:
+            weigh = Weighing.of(self.T_base, slips, slopes[0], self.channels, sd, stretch)
+        return dataclasses.replace(weigh, since=self.since).only(self.counted)
 
     def residual(self, prediction: Prediction) -> np.ndarray:
         """Simulated minus recorded, (C, K)."""

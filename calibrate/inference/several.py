@@ -42,7 +42,7 @@ class SeveralWeighing(Weighing):
     def of_all(
         drives: Sequence[BaseTension],
         slips: np.ndarray,
-        slope: np.ndarray,
+        slopes: Sequence[np.ndarray | None],
         channels: tuple[str, ...],
         sd: np.ndarray,
         stretch: np.ndarray,
@@ -52,7 +52,7 @@ class SeveralWeighing(Weighing):
         Args:
             drives: what drives each of n tendons.
             slips: whether slip reaches their anchors, (K, n).
-            slope: change of the channels by what drives each tendon, (C, K, n).
+            slopes: change of the channels by what drives each tendon, (C, K) each; None takes that as exact.
             channels: their names, those of the n tip tensions first where they were recorded.
             sd: their standard deviations, (C,).
             stretch: uncertain stretch of the tendon of each channel [m], (C, K).
@@ -64,8 +64,11 @@ class SeveralWeighing(Weighing):
         own[:tips] = slipped.T[:tips, :, None]
         plain = Weighing.plain(drives[0], channels, sd)
         fields = {f.name: getattr(plain, f.name) for f in dataclasses.fields(plain)}
-        fields |= {"slope": slope, "last": own, "stretch": stretch}
-        sds = tuple(drive.believed for drive in drives)
+        known = [np.zeros((len(channels), K)) if slope is None else slope for slope in slopes]
+        fields |= {"slope": np.stack(known, axis=-1), "last": own, "stretch": stretch}
+        sds = tuple(
+            0.0 if slope is None else drive.believed for slope, drive in zip(slopes, drives, strict=True)
+        )
         return SeveralWeighing(**fields, drives=tuple(drives), sds=sds)
 
     @functools.cached_property

@@ -31,14 +31,18 @@ from gtr_jax.simulation.sensing import Reading, cells_differ, cells_show
 from gtr_jax.simulation.shape import Shape
 from gtr_jax.terms import OWN, REGISTRY, Term, own_mark
 
-from .instruments import instruments, shown
+from .channel_rows import channel_rows, shows_markers
+from .channels import turned_by
+from .instruments import instruments
+from .load_history import LoadHistory, padded_history
 from .number import values_in
-from .predictor import History, SimulatedReadings, padded_history
 from .setup import Observation
 from .side_by_side import simulated
+from .simulated_readings import SimulatedReadings
 from .simulation_cache import SimulationCache
 
 Known = TypeVar("Known")
+_turned_by = jax.jit(turned_by)
 
 # Mesh intervals with which hypotheses are tried, and their least share of the robot's own intervals.
 INTERVALS, COARSEST = 22, 0.35
@@ -112,7 +116,7 @@ class _Traced(NamedTuple):
 def _traced(tree, shapes: tuple[tuple[int, ...], ...]) -> _Traced:
     unravel = ravel_pytree(jtu.tree_unflatten(tree, [jnp.zeros(shape) for shape in shapes]))[1]
 
-    def begin(flat, history: History):
+    def begin(flat, history: LoadHistory):
         robot, time = unravel(flat), history.time
         T_base = true_base(robot, history.T_base, time)
         return ready(robot, T_base, history.displacement), loads_of(T_base, time, history.cycle)
@@ -343,18 +347,25 @@ class SimulatedRig:
             held = (_held_on(T_base, loads), _held_on(T_tip, loads))
             shows = self._traced.cells(asked.flat, *held, loads.time)
             T_base, T_tip = (np.asarray(tension)[:K] for tension in shows)
-        values_shown = shown(
+        place, angle, turned = run.tip_pose[:, :2], run.tip_pose[:, 2], None
+        if run.shape is not None:
+            place, angle = run.shape.position[:, -1], None
+            if part.orientation is not None:
+                turned = np.asarray(_turned_by(jnp.asarray(run.shape.rotation[:, -1]), part.orientation))
+        rows = channel_rows(
             self.robot,
-            run,
             self.channels,
-            cells=(T_base, T_tip),
-            orientation=part.orientation,
-            places=self._marked(asked.flat, run, loads),
+            place=place,
+            angle=angle,
+            turned=turned,
+            markers=self._marked(asked.flat, run, loads),
+            ends={"T_base": T_base, "T_tip": T_tip, "displacement": run.displacement},
         )
-        if not np.all(np.isfinite(values_shown)):
+        values = np.stack(rows)
+        if not np.all(np.isfinite(values)):
             return None
         whole = run.slip_front >= self._anchored
-        return SimulatedReadings(values_shown, int(np.sum(~run.converged)), whole, run.slip_direction)
+        return SimulatedReadings(values, int(np.sum(~run.converged)), whole, run.slip_direction)
 
     def _only_shown(self, name: str) -> bool:
         """Whether a number is one of a term that acts on what the load cells show and on nothing else."""
@@ -363,8 +374,7 @@ class SimulatedRig:
 
     def _marked(self, flat: np.ndarray, run: Brief, loads: Any) -> np.ndarray | None:
         """What `markers_on` gives, (K, markers, 4), where it is compared."""
-        names = tuple(f"{marker.name}_" for marker in self.robot.markers)
-        if not names or not any(name.startswith(names) for name in self.channels):
+        if not shows_markers(self.robot, self.channels):
             return None
         body = run.along if run.shape is None else run.shape
         assert body is not None

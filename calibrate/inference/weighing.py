@@ -24,7 +24,6 @@ from scipy.linalg import cho_solve_banded, cholesky_banded
 from gtr_jax.recordings.base_tension import BaseTension
 
 from .channels import quantity_of
-from .predictor import Prediction
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -75,20 +74,29 @@ class Weighing:
     @staticmethod
     def of(
         base: BaseTension,
-        prediction: Prediction,
+        slips: np.ndarray,
+        slope: np.ndarray | None,
         channels: tuple[str, ...],
         sd: np.ndarray,
-        sd_base: np.ndarray | float,
         stretch: np.ndarray,
     ) -> Weighing:
-        """Weighing with the slopes of a simulation."""
+        """Weighing with what a simulation shows.
+
+        Args:
+            base: the base tension.
+            slips: whether slip reaches the anchor, (K,).
+            slope: change of the channels by the base tension, (C, K); None takes that as exact.
+            channels: their names, C of them.
+            sd: their standard deviations, (C,).
+            stretch: uncertain stretch of the tendon of each channel [m], (C, K).
+        """
         K = len(base.T_base)
-        plain = Weighing.plain(base, channels, sd)
-        slipped = np.maximum.accumulate(np.where(prediction.slips, np.arange(K), 0))
+        plain = dataclasses.replace(Weighing.plain(base, channels, sd), stretch=stretch)
+        if slope is None:
+            return plain
+        slipped = np.maximum.accumulate(np.where(slips, np.arange(K), 0))
         last = [slipped if name == "T_tip" else np.arange(K) for name in channels]
-        return dataclasses.replace(
-            plain, slope=prediction.slope, last=np.stack(last), sd_base=sd_base, stretch=stretch
-        )
+        return dataclasses.replace(plain, slope=slope, last=np.stack(last), sd_base=base.believed)
 
     @property
     def passed(self) -> np.ndarray:

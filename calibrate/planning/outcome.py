@@ -143,7 +143,8 @@ def refitted(
     trial: Trial, candidate: Candidate, target: np.ndarray, first: Outcome
 ) -> tuple[float, np.ndarray]:
     """How far a model stays from what another one would show, once its numbers have followed within what is
-    known of them: Gauss-Newton, with shorter steps where a whole one does not help.
+    known of them: Gauss-Newton, with shorter steps where a whole one does not help. This is no
+    use of `least_squares.py`, because a damping in place of these shares would lead to other plans.
 
     Args:
         trial: the experiment under the model that is refitted.

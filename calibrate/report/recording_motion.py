@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from calibrate.inference.predictor import padded_history, simulated
+from calibrate.inference.load_history import padded_history, simulation_along
 from gtr_jax import Robot, Simulation
 from gtr_jax.recordings.base_tension import turning_points
 from gtr_jax.report.motion import body_of
@@ -49,7 +49,7 @@ def motion_along(robot: Robot, drive: np.ndarray, time: np.ndarray | None) -> Mo
     samples = _samples(drive)
     drawn = tuple(tendon.drive == "displacement" for tendon in robot.tendons)
     clock = None if time is None else np.asarray(time)[samples]
-    run = simulated(robot, padded_history(drive[samples], clock, None, drawn=drawn))
+    run = simulation_along(robot, padded_history(drive[samples], clock, None, drawn=drawn))
     finite = np.all(np.isfinite(np.asarray(run.tip_position)[: len(samples)]))
     return Motion(samples, run, robot) if finite else None
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from .noise import Noise
+from .noise import CellNoise
 from .stuck import Stuck
 from .zero import Zero
 
@@ -28,7 +28,7 @@ class Cell:
     lowest_N: float
     highest_N: float
     resolution_N: float | None
-    noise: Noise
+    noise: CellNoise
     saturated: tuple[Stuck, ...] = ()
     dead: tuple[Stuck, ...] = ()
     zero_before: Zero | None = None

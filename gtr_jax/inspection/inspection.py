@@ -22,7 +22,7 @@ from .delay import Delay, delay
 from .findings import FINE, PROBLEM, Finding, LeftOut, counted, findings
 from .friction import Friction, friction
 from .needs import Need, needs
-from .noise import Noise, noise, resolution
+from .noise import CellNoise, noise, resolution
 from .sampling import Sampling, sampling
 from .slip import HOLD, NAMES, PULLING, RELEASING, Phases, phases
 from .still import band_of, still, window
@@ -285,7 +285,7 @@ def _cell(
     name: str,
     T: np.ndarray,
     other: np.ndarray,
-    own: Noise,
+    own: CellNoise,
     ends: tuple[Stretch | None, Stretch | None],
     time: np.ndarray | None,
     once: np.ndarray,

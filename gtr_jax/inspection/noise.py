@@ -21,8 +21,8 @@ ROUNDING = 1e-7
 
 
 @dataclasses.dataclass(frozen=True)
-class Noise:
-    """Noise of a cell.
+class CellNoise:
+    """How noisy a cell is, by its readings alone.
 
     Attributes:
         white_N: standard deviation [N] of what changes from sample to sample.
@@ -60,7 +60,7 @@ def resolution(x: np.ndarray) -> float | None:
     return step if np.mean(whole) >= NEARLY_ALL and near.size >= FEWEST else None
 
 
-def noise(x: np.ndarray, quiet: Sequence[tuple[int, int]]) -> Noise:
+def noise(x: np.ndarray, quiet: Sequence[tuple[int, int]]) -> CellNoise:
     """The noise of a cell.
 
     Args:
@@ -76,12 +76,12 @@ def noise(x: np.ndarray, quiet: Sequence[tuple[int, int]]) -> Noise:
     inner = [(a + int(EDGE * (b - a)), b - int(EDGE * (b - a))) for a, b in quiet]
     found = [_of_pieces(x[a : b + 1]) for a, b in inner if b - a + 1 >= SHORTEST]
     if not found:
-        return Noise(from_differences(x), None, in_motion, len(x), "differences of neighbouring samples")
+        return CellNoise(from_differences(x), None, in_motion, len(x), "differences of neighbouring samples")
     white, total = (np.concatenate([f[i] for f in found]) for i in (0, 1))
     counted = sum(b - a + 1 for a, b in inner)
     # The median of the pieces is not moved by the few in which the signal creeps.
     fast, all_of_it = float(np.median(white)), float(np.median(total))
-    return Noise(
+    return CellNoise(
         float(np.sqrt(fast)),
         float(np.sqrt(max(all_of_it - fast, 0.0))),
         in_motion,

@@ -15,8 +15,10 @@ from calibrate.diagnosis.outside.sanity import faults
 from calibrate.fitting.fit import part_of
 from calibrate.inference.channels import CHANNELS
 from calibrate.inference.instruments import instruments, leading
-from calibrate.inference.predictor import SimulatedReadings, padded_history, shown
+from calibrate.inference.load_history import padded_history
+from calibrate.inference.predictor import shown
 from calibrate.inference.samples import some_samples
+from calibrate.inference.simulated_readings import SimulatedReadings
 from calibrate.inference.simulated_rig import SimulatedRig, program_for, programs_of
 from gtr_jax.simulation.history import loads_of
 from gtr_jax.simulation.natively import steps_natively

@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 import calibrate
 import gtr_jax as gtr
 from calibrate.inference.channels import ROTATION, channels_in, orientation_of, turned_back, turned_by
-from calibrate.inference.predictor import Prediction
 from calibrate.inference.several import SeveralWeighing
+from calibrate.inference.simulated_readings import Prediction
 from calibrate.inference.weighing import Weighing
 from gtr_jax.recordings.base_tension.base_tension import runs
 from gtr_jax.recordings.signals import noise
@@ -170,13 +170,13 @@ def weighing_of_two(K=9, sds=(0.1, 0.2), seed=0):
         direction=np.zeros((K, 2)),
         T_tip=np.zeros((2, K)),
         jacobian=np.zeros((3, K, 1)),
-        slope=rng.normal(size=(3, K, 2)),
+        slopes=tuple(rng.normal(size=(2, 3, K))),
     )
     sd = np.array([0.05, 0.07, 0.3])
     weigh = SeveralWeighing.of_all(
         drives,
         prediction.slips,
-        prediction.slope,
+        prediction.slopes,
         ("T_tip.a", "T_tip.b", "tip_x"),
         sd,
         np.zeros((3, K)),
@@ -196,7 +196,7 @@ def test_noise_of_several_drives_is_weighed_as_a_dense_covariance_does():
         of_knots = np.linalg.inv(B.T @ (B / drive.believed[:, None] ** 2))
         slipped = np.maximum.accumulate(np.where(prediction.slips, np.arange(K)[:, None], 0), axis=0)
         lasts = [slipped[:, 0], slipped[:, 1], np.arange(K)]
-        G = np.concatenate([prediction.slope[c, :, i, None] * B[lasts[c]] for c in range(C)])
+        G = np.concatenate([prediction.slopes[i][c, :, None] * B[lasts[c]] for c in range(C)])
         whole = whole + G @ of_knots @ G.T
     rows = weigh(r)
     assert rows.shape == (C * K + 2 * K,)
@@ -208,7 +208,7 @@ def test_one_of_several_drives_alone_is_weighed_as_the_only_one():
     alone = dataclasses.replace(weigh, sds=(weigh.sds[0], 0.0))
     only = dataclasses.replace(
         Weighing.plain(drives[0], ("T_tip", "tip_x", "tip_y"), sd),
-        slope=prediction.slope[..., 0],
+        slope=prediction.slopes[0],
         last=weigh.last[..., 0],
         sd_base=drives[0].believed,
     )

@@ -166,7 +166,7 @@ def test_slope_is_that_of_the_base_tension_last_followed(make_robot):
         up[last[k]] += 1e-4
         down[last[k]] -= 1e-4
         tips = [float(gtr.simulate(robot, T).T_tip[k]) for T in (up, down)]
-        assert found.slope[0, k] == pytest.approx((tips[0] - tips[1]) / 2e-4, rel=1e-5)
+        assert found.slopes[0][0, k] == pytest.approx((tips[0] - tips[1]) / 2e-4, rel=1e-5)
 
 
 def test_noise_in_the_base_is_not_taken_for_friction():

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from calibrate.inference.number import Number
-from calibrate.inference.predictor import SimulatedReadings
+from calibrate.inference.simulated_readings import SimulatedReadings
 
 from .hypotheses import Hypothesis
 

@@ -15,7 +15,7 @@ from calibrate.diagnosis.likelihood.likelihood import Likelihood
 from calibrate.diagnosis.likelihood.locate import cycles_of
 from calibrate.inference.channels import CHANNELS
 from calibrate.inference.number import OWN
-from calibrate.inference.predictor import SimulatedReadings
+from calibrate.inference.simulated_readings import SimulatedReadings
 from calibrate.inference.simulated_rig import friction_of
 from gtr_jax import Robot, equilibrium
 from gtr_jax.robot.stiffness import stiffness_of

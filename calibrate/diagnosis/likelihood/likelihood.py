@@ -13,12 +13,10 @@ from calibrate.inference.channels import quantity_of
 from calibrate.inference.instruments import tendon_of_channel
 from calibrate.inference.least_squares import BY_DIFFERENCES, Rules, minimise
 from calibrate.inference.number import Number
-from calibrate.inference.predictor import SimulatedReadings
 from calibrate.inference.setup import Observation
-from calibrate.inference.several import SeveralWeighing
+from calibrate.inference.simulated_readings import SimulatedReadings, simulate_all
 from calibrate.inference.simulated_rig import SimulatedRig
 from calibrate.inference.weighing import Weighing
-from gtr_jax.recordings.base_tension import exact
 from gtr_jax.recordings.signals.noise import (
     MAD_TO_SD,
     Noise,
@@ -88,31 +86,9 @@ def passing(
     """The weighing of a recording's residuals, with the noise of what drives the tendons passed on to the
     channels.
     """
-    part, K = rig.part, rig.part.samples
-    sd, base = np.asarray([n.sd for n in noise]), part.T_base
-    slopes = [_slope(rig, values, i) for i in range(len(part.drives))]
-    if part.others:
-        known = np.stack([np.zeros(part.recorded.shape) if one is None else one for one in slopes], axis=-1)
-        sds = tuple(
-            0.0 if one is None else drive.believed for one, drive in zip(slopes, part.drives, strict=True)
-        )
-        weigh = SeveralWeighing.of_all(
-            part.drives, seen.slips, known, part.channels, sd, np.zeros(part.recorded.shape)
-        )
-        return dataclasses.replace(weigh, sds=sds, since=part.since).only(part.counted)
-    plain = Weighing.plain(exact(base.T_base) if base.sd == 0 else base, part.channels, sd)
-    plain = dataclasses.replace(plain, since=part.since).only(part.counted)
-    slope = slopes[0]
-    if slope is None:
-        return plain
-    slipped = np.maximum.accumulate(np.where(seen.slips, np.arange(K), 0))
-    last = [slipped if name == "T_tip" else np.arange(K) for name in part.channels]
-    return dataclasses.replace(plain, slope=slope, last=np.stack(last), sd_base=base.believed)
-
-
-def _slope(rig: SimulatedRig, values: Mapping[str, float], tendon: int) -> np.ndarray | None:
-    """As `change_by`; None where what drives the tendon is exact."""
-    return None if rig.part.drives[tendon].sd == 0 else change_by(rig, values, tendon)
+    drives = rig.part.drives
+    slopes = [None if drive.sd == 0 else change_by(rig, values, i) for i, drive in enumerate(drives)]
+    return rig.part.weighing(seen.slips, slopes, np.asarray([n.sd for n in noise]))
 
 
 def change_by(rig: SimulatedRig, values: Mapping[str, float], tendon: int) -> np.ndarray | None:
@@ -174,16 +150,15 @@ class Likelihood:
         self, many: Sequence[Mapping[str, float]], names: Sequence[str] = ()
     ) -> list[tuple[SimulatedReadings, ...] | None]:
         """As `simulate`, of several sets of numbers side by side."""
-        found: list[list[SimulatedReadings] | None] = [[] for _ in many]
-        for rig, more in zip(self.rigs, self.correction(names), strict=True):
-            going = [i for i, seen in enumerate(found) if seen is not None]
-            for i, seen in zip(going, rig.many([many[i] for i in going]), strict=True):
-                before = found[i]
-                if seen is None or before is None:
-                    found[i] = None
-                else:
-                    before.append(dataclasses.replace(seen, values=seen.values + more))
-        return [None if each is None else tuple(each) for each in found]
+        finer = self.correction(names)
+
+        def corrected(each: Sequence[SimulatedReadings]) -> tuple[SimulatedReadings, ...]:
+            return tuple(
+                dataclasses.replace(seen, values=seen.values + more)
+                for seen, more in zip(each, finer, strict=True)
+            )
+
+        return [None if each is None else corrected(each) for each in simulate_all(self.rigs, many)]
 
     def correction(self, names: Sequence[str]) -> list[np.ndarray]:
         """Values on a fine mesh minus those on the coarse one if some hypotheses act: as computed, or the sum

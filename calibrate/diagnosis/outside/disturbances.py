@@ -17,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import median_filter
 
-from calibrate.inference.predictor import SimulatedReadings
 from calibrate.inference.setup import Observation
+from calibrate.inference.simulated_readings import SimulatedReadings
 from gtr_jax.recordings.signals import differences
 from gtr_jax.recordings.signals.differences import MAD_TO_SD
 

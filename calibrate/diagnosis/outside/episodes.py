@@ -15,8 +15,8 @@ import numpy as np
 from calibrate.diagnosis.hypotheses.model import Fitted
 from calibrate.diagnosis.likelihood.likelihood import Likelihood
 from calibrate.inference.instruments import of_one, words_for
-from calibrate.inference.predictor import SimulatedReadings
 from calibrate.inference.setup import Observation
+from calibrate.inference.simulated_readings import SimulatedReadings
 from gtr_jax.recordings.signals.differences import MAD_TO_SD
 
 # A sample belongs to an episode beyond this many standard deviations of its noise, and beyond this many of
