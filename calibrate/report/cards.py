@@ -6,7 +6,7 @@ import numpy as np
 
 from calibrate.diagnosis.answer.result import Diagnosis
 from calibrate.fitting.result import FitResult
-from gtr_jax.notebook import card_of
+from gtr_jax.notebook import draws
 from gtr_jax.numbers import measured_quantity, quantity
 from gtr_jax.report.card import card
 from gtr_jax.report.object_cards import DOTS
@@ -17,7 +17,7 @@ from .diagnosis import first_figure, numbers_table
 from .fit import interval
 
 
-@card_of.register(FitResult)
+@draws(FitResult)
 def fit_card(fit: FitResult) -> str:
     """Verdict, the loop of the first tendon of the first recording, and the estimates."""
     rows = [
@@ -54,7 +54,7 @@ def _loop(fit: FitResult) -> list[Figure]:
     return [Figure("fit", picture, f"{whose} tip tension, by phase, and the fitted model.", DOTS)]
 
 
-@card_of.register(Diagnosis)
+@draws(Diagnosis)
 def diagnosis_card(answer: Diagnosis) -> str:
     """What is missing, the picture that shows it best, and the numbers before and after."""
     picture = first_figure(answer)

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure as Drawn
 
-from gtr_jax.notebook import card_of
+from gtr_jax.notebook import draws
 from gtr_jax.numbers import number, quantity
 from gtr_jax.plots.straight import plot_straight
 from gtr_jax.plots.tension import plot_tension
@@ -223,7 +223,7 @@ def design_table(answer: Design) -> Table:
     return Table("The design", ("", "value", "searched"), rows)
 
 
-@card_of.register(Design)
+@draws(Design)
 def design_card(answer: Design) -> str:
     """For a notebook: what was found, the channels of the straight body, and the numbers."""
     picture = plot_straight(build_robot(answer.config))

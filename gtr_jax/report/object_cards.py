@@ -7,7 +7,7 @@ import numpy as np
 from jax.core import Tracer
 
 from gtr_jax.config.config import RobotConfig
-from gtr_jax.notebook import card_of
+from gtr_jax.notebook import draws
 from gtr_jax.numbers import number, quantity
 
 from ..plots.loop import plot_loop
@@ -31,13 +31,13 @@ def is_known(tree: object) -> bool:
     return not any(isinstance(leaf, Tracer | jax.ShapeDtypeStruct) for leaf in leaves)
 
 
-@card_of.register(RobotConfig)
+@draws(RobotConfig)
 def config_card(config: RobotConfig) -> str | None:
     """Of a robot file: the robot that it makes."""
     return robot_card(build_robot(config))
 
 
-@card_of.register(Robot)
+@draws(Robot)
 def robot_card(robot: Robot) -> str | None:
     """The straight body with its channels, and the numbers that say something; None where they are unknown,
     as while it is traced, or it is a batch of robots or a part of one.
@@ -82,7 +82,7 @@ def _says(robot: Robot, p: Parameter, value: float) -> bool:
     return (value != 0 and np.isfinite(value)) or p.name.partition(".")[0] == "mu"
 
 
-@card_of.register(Simulation)
+@draws(Simulation)
 def simulation_card(run: Simulation) -> str | None:
     """The loop, or the tensions of several tendons, and where the tip ends; None where its numbers are
     unknown, as while it is traced, or it is a batch of simulations.
