@@ -27,7 +27,7 @@ HEAD = (
     "# Two tendons in one plane",
     "",
     "Until commit 364f8c5 several tendons in one plane had a solver of their own where no physics term "
-    "acted (`gtr_jax/mechanics/several`, dense Newton steps by LAPACK). It was removed because the march "
+    "acted (dense Newton steps by LAPACK). It was removed because the march "
     "gives its answers in a quarter of its time or less. Both were measured in one process before that "
     "(2026-11-29, two shared cores of an AMD EPYC, jax 0.10.2). Times are CPU times of the dense solver, "
     "the march, and the march as native code; the first run has the compiling, a later one is the mean of "
