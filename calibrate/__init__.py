@@ -11,7 +11,8 @@ from .inference.estimate import Estimate, Profile
 from .inference.posterior_draws import Posterior
 
 if TYPE_CHECKING:
-    from .diagnosis import Diagnosis, diagnose
+    from .diagnosis.answer.result import Diagnosis
+    from .diagnosis.diagnose import diagnose
 
 __all__ = [
     "Diagnosis",
@@ -35,8 +36,12 @@ cards_come_with(_import_cards)
 
 def __getattr__(name: str) -> Any:
     """Import the diagnosis, which a fit does not need, only when it is first used."""
-    if name in ("Diagnosis", "diagnose"):
-        from . import diagnosis
+    if name == "Diagnosis":
+        from .diagnosis.answer.result import Diagnosis
 
-        return getattr(diagnosis, name)
+        return Diagnosis
+    if name == "diagnose":
+        from .diagnosis.diagnose import diagnose
+
+        return diagnose
     raise AttributeError(f"module 'calibrate' has no attribute '{name}'")

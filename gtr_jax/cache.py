@@ -90,9 +90,8 @@ def _taken(wanted: Path) -> Path | None:
     if why:
         instead = f"are kept in {taken} instead" if taken else "are not kept"
         warnings.warn(
-            f"{wanted}: {why}, and programs kept there are run: compiled programs {instead}; name a "
-            "folder of "
-            f"your own in {VARIABLE}",
+            f"{wanted}: {why}, and programs kept there are run: compiled programs {instead}; "
+            f"name a folder of your own in {VARIABLE}",
             InputWarning,
             stacklevel=3,
         )

@@ -264,7 +264,7 @@ class Unit:
         )
 
     def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
-        dimension = DIMENSIONS[self.si]
+        dimension = _about(self.si)
         unit = r"\s*\S*\s*" if self.si == "dimensionless" else r"\s*[^\s\d].*"
         text = {"type": "string", "pattern": rf"^\s*{_NUMBER}{unit}$"}
         return {

@@ -83,8 +83,13 @@ def imported(path: Path) -> set[str]:
 
 
 def own_imports(path: Path) -> set[Path]:
-    """The files of this project that a file imports."""
-    return {MODULES[name] for name in imported(path) & {*MODULES}} - {path}
+    """The files of this project that a file imports, `__init__.py` of their folders included; but for those
+    of its own folders and of the packages, which are run before it.
+    """
+    found = {MODULES[name] for name in imported(path) & {*MODULES}}
+    folders = {folder for file in found for folder in file.relative_to(ROOT).parents}
+    folders -= {Path(), *map(Path, PACKAGES), *path.relative_to(ROOT).parents}
+    return (found | {ROOT / folder / "__init__.py" for folder in folders}) - {path}
 
 
 def circle(below: dict) -> list:

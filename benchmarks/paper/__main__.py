@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from pathlib import Path
 
@@ -11,11 +12,12 @@ from gtr_jax.app.cli.options import output_option
 from gtr_jax.app.cli.progress import Progress
 from gtr_jax.app.cli.run_folder import RunFolder, write_json
 from gtr_jax.cache import enable_cache
+from gtr_jax.errors import InputError
 
 from . import pages
 from .studies import studies
 
-FIGURES = "paper"
+FIGURES, PROGRAM = "paper", "python -m benchmarks.paper"
 
 
 @click.command()
@@ -26,7 +28,8 @@ def paper(output: Path, force: bool) -> int:
     Writes report.html, paper.md with its pictures (the page of the docs), paper.json with every number, and
     the robot files. Takes a minute or two.
     """
-    folder = RunFolder(output, {}, force=force)
+    again = shlex.join([*PROGRAM.split(), "-o", str(output)])
+    folder = RunFolder(output, {}, force=force, command=again)
     enable_cache()
     with Progress() as progress:
         parts = studies(progress)
@@ -49,4 +52,11 @@ def paper(output: Path, force: bool) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(paper.main(standalone_mode=False, prog_name="python -m benchmarks.paper"))
+    try:
+        sys.exit(paper.main(prog_name=PROGRAM, standalone_mode=False))
+    except InputError as fault:
+        click.echo(f"error: {fault}", err=True)
+        sys.exit(2)
+    except click.ClickException as fault:
+        fault.show()
+        sys.exit(fault.exit_code)

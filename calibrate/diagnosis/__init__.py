@@ -1,6 +1,1 @@
-"""Which physics a model leaves out."""
-
-from .answer.result import Diagnosis
-from .diagnose import diagnose
-
-__all__ = ["Diagnosis", "diagnose"]
+"""Which physics a model leaves out: `diagnose.py` goes through these folders."""

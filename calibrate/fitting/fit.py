@@ -68,7 +68,7 @@ def fit(
     """Fit parameters of a robot, or of several, to recordings by least squares.
 
     The true base tension is an unknown like the parameters: straight between as few knots as the noise of the
-    recorded one allows (`readings`). Tendons with friction remember extremes, so noise taken for tension
+    recorded one allows (`base_tension/`). Tendons with friction remember extremes, so noise taken for tension
     would bias friction. The cost is the sum of squares of the residuals at the tip and at the base, each in
     units of its noise (`weighing.py`), and of (deviation/standard deviation) of each free parameter under
     [uncertainty] in the robot file, on the scale it is fitted on: logarithmic where positive. Base tensions

@@ -88,7 +88,7 @@ class Objective:
 
     def predict(self, u: np.ndarray) -> tuple[Prediction, ...] | None:
         """The recordings at coordinates u, (p,); None where the simulator breaks down."""
-        return simulate_all(self.predictors, [u])[0]
+        return simulate_all(self.predictors, [u], in_threads=True)[0]
 
     def residuals(self, predictions: tuple[Prediction, ...]) -> np.ndarray:
         """Weighed residuals of all recordings, (D,)."""

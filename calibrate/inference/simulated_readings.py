@@ -118,10 +118,25 @@ class Simulator(Protocol[Point, Shown]):
 
 
 def simulate_all(
-    recordings: Sequence[Simulator[Point, Shown]], many: Sequence[Point]
+    recordings: Sequence[Simulator[Point, Shown]], many: Sequence[Point], *, in_threads: bool = False
 ) -> list[tuple[Shown, ...] | None]:
-    """All recordings at each of several points; None at those where one breaks down."""
-    each = in_parallel(lambda recording: recording.many(many), recordings)
+    """All recordings at each of several points; None at those where one breaks down.
+
+    Args:
+        recordings: what is simulated.
+        many: the points.
+        in_threads: simulate the recordings in threads beside each other. Who is in one of many threads
+            already, as the searches of a diagnosis are, goes through them one by one, and no longer to the
+            points at which one broke down.
+    """
+    if in_threads:
+        each = in_parallel(lambda recording: recording.many(many), recordings)
+    else:
+        each, going = [], [*range(len(many))]
+        for recording in recordings:
+            here = dict(zip(going, recording.many([many[k] for k in going]), strict=True))
+            each.append([here.get(k) for k in range(len(many))])
+            going = [k for k in going if here[k] is not None]
     found: list[tuple[Shown, ...] | None] = []
     for k in range(len(many)):
         shown = tuple(own for own in (of[k] for of in each) if own is not None)

@@ -1,7 +1,7 @@
 """The tables of a robot file: keys, defaults and units; those of its channels are in `routings`.
 
 After validation they hold SI floats (m, N, Pa, rad, kg/m^3). Unit strings, defaults, missing and unknown keys
-are theirs; what fits into what is in `config_checks`.
+are theirs; what fits into what is in `checks`.
 """
 
 from __future__ import annotations

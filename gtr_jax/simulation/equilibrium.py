@@ -45,7 +45,9 @@ def solved(
             return kept
         # A step of a history, whose memory is not kept: the slip from there decides.
         mobilised = node_first(before.mobilisation)
-        return dataclasses.replace(kept, kappa=before.curvature, mobilised=mobilised, T_base=kept.entry)
+        return dataclasses.replace(
+            kept, kappa=before.curvature, mobilised=mobilised, T_base=kept.entry, T_tip=before.T_tip
+        )
 
     load = Load.without_clock(T_base) if clock is None else dataclasses.replace(clock, T_base=T_base)
     done, memory, settled = mechanics.one_step(at_nodes(robot, s), structure, load, how, remembered)

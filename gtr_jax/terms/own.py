@@ -130,7 +130,7 @@ def _hooks(term: Term) -> dict[str, _Hook]:
 
 # Hooks that the terms of the catalogue alone have: a robot has one memory of friction, what loads and stops
 # do at null is not checked here, and events are looked for by their own search.
-CLOSED = ("mobilise", "loads", "stop", "stop_angle", "stop_normal", "tugged")
+CLOSED = ("mobilise", "loads", "stop", "stop_angle", "stop_normal", "tugged", "read_at")
 
 
 def check_term(term: Any, known: Mapping[str, Term], where: str) -> None:
@@ -159,8 +159,10 @@ def check_term(term: Any, known: Mapping[str, Term], where: str) -> None:
     hooks = _hooks(term)
     given = [name for name in hooks if getattr(term, name) is not None]
     closed = [name for name in CLOSED if getattr(term, name) is not None]
-    if closed or term.event or term.across:
-        what = closed[0] if closed else "event" if term.event else "across"
+    closed += [name for name in ("event", "across", "adds_to") if getattr(term, name)]
+    closed += ["assumed" for q in term.quantities if q.assumed]
+    if closed:
+        what = closed[0]
         raise InputError(f"{at}: '{what}' is open to the terms of the catalogue only; leave it out")
     if not given:
         raise InputError(f"{at}: has no hook, so that it does nothing; give it one of {listed(hooks, 20)}")
@@ -171,7 +173,8 @@ def check_term(term: Any, known: Mapping[str, Term], where: str) -> None:
             f"{at}: bend needs bend_in_space beside it; give both, or say why not in space in not_in_space"
         )
     try:
-        fault = fault_of(term.tried, {q.name: float(q.typical) for q in term.quantities})
+        values = {each.id: {q.name: q.null for q in each.quantities} for each in (*known.values(), term)}
+        fault = fault_of(term.tried, {q.name: float(q.typical) for q in term.quantities}, values)
     except Exception as error:  # of any kind: it is the user's code
         fault = f"what is tried of it cannot be computed ({reason(error)}); correct its functions"
     if fault:
@@ -342,7 +345,7 @@ def _said(value: Any, seen: set[int]) -> bytes:
     """A value as bytes that are the same in every process; functions by their code and what it draws on."""
     if isinstance(value, functools.partial):
         return b"|".join(_said(part, seen) for part in (value.func, value.args, value.keywords))
-    if dataclasses.is_dataclass(value):
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return b"|".join(_said(getattr(value, field.name), seen) for field in dataclasses.fields(value))
     if isinstance(value, tuple):
         return b",".join(_said(part, seen) for part in value)

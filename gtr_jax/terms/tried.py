@@ -176,13 +176,20 @@ def along_each(at: At, sizes: Sequence[float]) -> list[Start]:
     ]
 
 
-def fault_of(tried: Tried, known: Mapping[str, float], *, event: bool = False) -> str:
-    """What is wrong with what is tried of a term; "" if nothing is. Its functions are tried on a rig and a
-    recording made up.
+def fault_of(
+    tried: Tried,
+    known: Mapping[str, float],
+    values: Mapping[str, Mapping[str, float]],
+    *,
+    event: bool = False,
+) -> str:
+    """What is wrong with what is tried of a term; "" if nothing is. Functions that give starts and priors are
+    tried on a rig that is made up.
 
     Args:
         tried: what is tried of it.
         known: typical values of its numbers [SI], by name.
+        values: numbers of all terms on that rig, by term and name.
         event: whether the term is one.
     """
     called = [variant.name for variant in tried.variants]
@@ -193,7 +200,7 @@ def fault_of(tried: Tried, known: Mapping[str, float], *, event: bool = False) -
     unknown = [name for name in used if name not in known]
     if unknown:
         return f"what is tried frees '{unknown[0]}', which is none of its numbers; correct the name"
-    rig = Rig(0.2, False, True, 10.0, np.array([0.0, 0.1]), 5.0, {})
+    rig = Rig(0.2, False, True, 10.0, np.array([0.0, 0.1]), 5.0, values)
     given = Moments([1.0], [(2.0, 0.5)]) if event else rig
     for variant in tried.variants:
         free = variant.free or tuple(known)

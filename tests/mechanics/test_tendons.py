@@ -186,6 +186,13 @@ def test_shapes_and_names(pair):
     np.testing.assert_allclose(again.tension, run.tension[1], atol=1e-6)
     onward = gtr.equilibrium(pair, [8.0, 6.0], memory=gtr.equilibrium_at(pair, run, 0))
     np.testing.assert_allclose(onward.tension, run.tension[1], atol=1e-6)
+    # From a held state, too: the same load moves nothing, and a turn goes on as in the history.
+    loads = [[0.0, 0.0], [8.0, 5.0], [8.0, 6.0], [7.9, 5.9], [7.0, 5.5]]
+    run = gtr.simulate(pair, loads)
+    held = gtr.equilibrium(pair, loads[3], memory=gtr.equilibrium_at(pair, run, 3))
+    np.testing.assert_allclose(held.tension, run.tension[3], atol=1e-6)
+    turned = gtr.equilibrium(pair, loads[4], memory=gtr.equilibrium_at(pair, run, 3))
+    np.testing.assert_allclose(turned.tension, run.tension[4], atol=1e-6)
     with pytest.raises(ValueError, match="give the equilibrium before"):
         gtr.equilibrium(pair, [8.0, 6.0], memory=first.tension[0])
 

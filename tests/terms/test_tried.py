@@ -48,7 +48,8 @@ DRAG = Term(
 @pytest.mark.parametrize("kind", REGISTRY)
 def test_every_effect_is_tried_as_its_file_says(make_robot, kind):
     term = REGISTRY[kind]
-    assert not fault_of(term.tried, {q.name: q.typical for q in term.quantities}, event=term.event)
+    typical = {q.name: q.typical for q in term.quantities}
+    assert not fault_of(term.tried, typical, {term.id: typical}, event=term.event)
     robot = make_robot(backbone={"youngs_modulus": 50e9}, loads={"gravity_angle": "-90 deg"})
     found = {h.name: h for h in catalogue(robot, **GIVEN) if h.kind == kind}
     variants = () if term.event else term.tried.variants

@@ -25,8 +25,9 @@ class Quantities:
         drop: of the sum of squares, from the base model to the model.
         least_drop: drop below which nothing is claimed.
         left, base_left: structure that the model and the base model leave: size in standard deviations of the
-            noise, and significance.
-        may_stay: share of the size that the base model leaves which the model may leave.
+            noise, not their squares, and significance. The size of the base model's may be 0.
+        may_stay: share of the size that the base model leaves which the model may leave (`STAYS_SHARE`, in
+            long recordings `HALF_STAYS`).
         holds: probability of all models that have its effects.
         rivals: number of sets of effects that the data do not tell apart, its own among them.
         regular: whether the residual of what would be shown has a regularity that noise does not have.

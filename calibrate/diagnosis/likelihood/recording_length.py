@@ -122,7 +122,7 @@ class LongRecordings(ShortRecordings):
         return correlation_time(row)
 
     def least_drop(self, parts: Sequence[Observation]) -> float:
-        """As of short recordings, which grows with the readings."""
+        """The same, which grows with the readings."""
         return FOR_EACH * sum(part.explained * int(part.counted.sum()) for part in parts)
 
     def may_stay(self, left: tuple[float, float]) -> float:

@@ -45,16 +45,23 @@ class RunFolder:
         inputs: files the command reads, by role; their hashes are recorded.
         force: replace whatever the folder holds, but for inputs of this command and folders that are in use.
         with_jax: whether JAX computes the answer, whose device is then recorded.
+        command: as the user may type it again, of a script; that of `gtr` unless given.
     """
 
     def __init__(
-        self, out: Path, inputs: Mapping[str, Path], *, force: bool = False, with_jax: bool = True
+        self,
+        out: Path,
+        inputs: Mapping[str, Path],
+        *,
+        force: bool = False,
+        with_jax: bool = True,
+        command: str = "",
     ) -> None:
         self.path = out
         self._with_jax = with_jax
         self.record = {
             "written_by": "gtr-jax",
-            "command": command_line(),
+            "command": command or command_line(),
             "started": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
             "inputs": {
                 role: {"path": _named(path), "sha256": digest(path)}

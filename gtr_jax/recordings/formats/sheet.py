@@ -110,7 +110,7 @@ class Table:
             if share > most_absent:
                 if most_absent and not absent.all():
                     bad[np.flatnonzero(bad)[absent]] = False
-                few = f"; up to {100 * most_absent:g} % of a column may be empty, not {100 * share:.2g} %"
+                few = f"; up to {100 * most_absent:g} % of a column may be empty, not {100 * share:.0f} %"
                 self._refuse(index, bad, "a number", few if most_absent and absent.all() else "")
         return values
 

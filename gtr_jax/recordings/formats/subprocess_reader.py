@@ -34,7 +34,7 @@ def read_in_subprocess(
         reader: a function of a module.
         data: what it is given: the bytes of the file, or its path.
         path: of the file, which errors name.
-        intact: what the file is not if the reader fails: "a whole TDMS file".
+        intact: what the file is not if the reader fails: "a complete TDMS file".
         remedy: what to do then.
 
     Raises InputError naming the file if the reader raises an error, takes its process down, or needs more
