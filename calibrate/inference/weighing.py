@@ -2,8 +2,8 @@
 
 While the whole tendon slips, T_tip follows the base tension of that moment with the slope g = dT_tip/dT_base;
 while friction holds the tip, T_tip keeps the value of the sample at which it slipped last. So the simulated
-T_tip of a sample depends on one true base tension, and through it on a few knots (`base_tension/`), whose values v
-are known from the recording with a banded information matrix. Minimising over v,
+T_tip of a sample depends on one true base tension, and through it on a few knots (`base_tension/`), whose
+values v are known from the recording with a banded information matrix. Minimising over v,
 
     min_dv |r + G B dv|^2/sd_tip^2 + |B dv/sd_base|^2,
 
