@@ -114,7 +114,7 @@ def _run(case: Case, place: Place, of: str, cache: Path) -> Mapping[str, Any]:
     }
     with (out / "said.txt").open("w") as said, (out / "trouble.txt").open("w") as trouble:
         process = subprocess.Popen(
-            [sys.executable, *program, *arguments],
+            [sys.executable, "-P", *program, *arguments],
             cwd=place.checkout,
             env=environment,
             stdin=subprocess.DEVNULL,

@@ -415,7 +415,7 @@ def test_an_interrupt_leaves_everything_as_it_was(when, run, tmp_path, monkeypat
     assert run("simulate", SIMULATED, "--pull", "9", "--steps", "8", "-o", "out").status == 0
     before = (tmp_path / "out/run.json").read_bytes()
     if when == "solving":
-        monkeypatch.setattr("gtr_jax.report.simulation.answer_simulation", interrupt)
+        monkeypatch.setattr("gtr_jax.report.simulation_answer.answer_simulation", interrupt)
     else:
         monkeypatch.setattr("gtr_jax.report.page.render", interrupt)
     outcome = run("simulate", SIMULATED, "--pull", "8", "--steps", "8", "-o", "out")

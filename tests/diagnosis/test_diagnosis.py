@@ -152,7 +152,7 @@ def test_a_regularity_is_no_noise():
     wanted = period if by_tension.along == "T_tip" else period / 0.8
     assert by_tension.period_N == pytest.approx(wanted, rel=0.1) and 0.4 < by_tension.share < 0.7
     by_sample = found(rng.normal(size=K) + 1.6 * ringing / np.std(ringing))
-    assert by_sample is not None and by_sample.along == "sample" and "rings" in by_sample.says
+    assert by_sample is not None and by_sample.along == "sample" and "ringing" in by_sample.says
     bump = np.exp(-0.5 * ((T - 19.0) / 1.5) ** 2)
     at_a_tension = found(rng.normal(size=K) + 4.0 * bump)
     assert at_a_tension is not None

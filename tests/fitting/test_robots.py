@@ -141,7 +141,7 @@ def test_what_the_held_out_trials_say_of_it_follows_from_the_errors():
     assert helped(BEFORE, BEFORE) == "changes nothing"
     close = settled(BEFORE, [PLATEAU, MODULUS])
     assert "each helps wrist150 and harms wrist90. They differ by 0.04° at most" in close
-    assert close.endswith("do not settle which it is.")
+    assert close.endswith("cannot settle which it is.")
     better = Remedy("a better one", 1, 0.45, {"wrist90": 0.40, "wrist150": 0.80})
     assert settled(BEFORE, [PLATEAU, better]).endswith(
         "The held-out trials of both are met best by a better one."
