@@ -73,7 +73,7 @@ def texts(rows: int) -> Iterator[tuple[str, str]]:
 
 def printed(*arguments: str) -> list[float]:
     """The numbers that a process of Python prints."""
-    said = subprocess.run([sys.executable, "-c", *arguments], capture_output=True, check=True).stdout
+    said = subprocess.run([sys.executable, "-P", "-c", *arguments], capture_output=True, check=True).stdout
     return [float(number) for number in said.split()]
 
 
