@@ -100,7 +100,7 @@ def _of_channel(answer: Diagnosis, loop: Loop, c: int) -> list[Figure]:
     pull, axis = loop.pulls[loop.of[c]], axis_of(loop.channels[c])
     ending, whose = named(loop, c, several=len(answer.loops) > 1)
     loop_chart, course, left = still_charts(answer, loop, c)
-    after, label, noise = is_found(answer), label_of(answer), left[0].noise
+    after, label, noise = is_found(answer), label_of(answer), axis.size * loop.noise[c].sd
     drive = left[0].lines[0].x.values
     along = typeset(loop_chart.across)
     found = [
