@@ -51,15 +51,15 @@ def plot_charts(charts: Sequence[Chart], height: float, noted: Sequence[str] = (
         height: of the figure [inches].
         noted: lines that are written into the lower right corner of the first.
     """
-    alike = {"sharex": len({c.across for c in charts}) == 1, "sharey": len({c.up for c in charts}) == 1}
-    fig, rows = figure(height, len(charts), **alike)
+    alike_across, alike_up = len({c.across for c in charts}) == 1, len({c.up for c in charts}) == 1
+    fig, rows = figure(height, len(charts), sharex=alike_across, sharey=alike_up)
     for axes, chart in zip(rows, charts, strict=True):
         _draw(axes, chart)
         wide = int((height / len(charts) - 0.5) / LETTER)
         axes.set_ylabel(typeset(textwrap.fill(chart.up, wide)))
-        if axes is rows[-1] or not alike["sharex"]:
+        if axes is rows[-1] or not alike_across:
             axes.set_xlabel(typeset(chart.across))
-        if len(charts) > 1 and all(alike.values()):
+        if len(charts) > 1 and alike_across and alike_up:
             axes.set_title(chart.title, loc="left", fontsize=9)
     if noted:
         place = {"ha": "right", "va": "bottom", "multialignment": "left", "transform": rows[0].transAxes}

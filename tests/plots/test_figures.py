@@ -1,9 +1,12 @@
 """What every figure owes its reader: nothing is cut off; and its caller: axes of their own."""
 
+from typing import cast
+
 import numpy as np
 import pytest
 import xarray
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
 from gtr_jax.plots.chart import Chart, Column, Line, Span
 from gtr_jax.plots.chart_figure import plot_charts, typeset
@@ -55,7 +58,7 @@ def test_a_figure_draws_what_its_chart_says():
     band = np.concatenate([path.vertices for piece in loop.collections for path in piece.get_paths()])
     assert (band[:, 1].min(), band[:, 1].max()) == (-3, 13)
     np.testing.assert_array_equal(rest.lines[-1].get_ydata(), left.values)
-    noise, episode = (patch.get_bbox() for patch in rest.patches)
+    noise, episode = (cast(Rectangle, patch).get_bbox() for patch in rest.patches)
     assert (noise.y0, noise.y1) == (-1, 1) and (episode.x0, episode.x1) == (5, 8)
     assert [t.get_text() for t in rest.texts] == ["1"]
     assert loop.get_xlabel() == "tension at the base $T_{base}$ [N]" and rest.get_xlabel() == "time [s]"
