@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from gtr_jax.report.playback import Chart, Column, Line, Span, playback
+from gtr_jax.plots.chart import Chart, Column, Line, Span
+from gtr_jax.report.playback import playback
 
 SETTINGS = {"command": "gtr", "inputs": {}, "started": "", "versions": {}}
 

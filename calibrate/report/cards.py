@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from calibrate.diagnosis.answer.result import Diagnosis
 from calibrate.fitting.result import FitResult
 from gtr_jax.notebook import draws
 from gtr_jax.numbers import measured_quantity, quantity
+from gtr_jax.plots.chart_figure import plot_charts
 from gtr_jax.report.card import card
 from gtr_jax.report.object_cards import DOTS
 from gtr_jax.report.page import Figure, Report, Table
 
-from . import fit_figures as draw
 from .diagnosis import first_figure, numbers_table
 from .fit import interval
+from .fit_charts import fitted_tendon, loop_chart
 
 
 @draws(FitResult)
@@ -45,11 +44,7 @@ def _loop(fit: FitResult) -> list[Figure]:
     fitted = fit.recordings[0]
     if not fitted.tips or fitted.robot.tendons[0].drive == "displacement":
         return []
-    K = len(fitted.T_base)
-    T_base, phases = (np.asarray(v).reshape(K, -1)[:, 0] for v in (fitted.T_base, fitted.phases))
-    tip = fitted.tips[0]
-    recorded = np.asarray(tip.simulated) - np.asarray(tip.residual)
-    picture = draw.plot_fit(T_base, recorded, simulated=(T_base, np.asarray(tip.simulated)), phases=phases)
+    picture = plot_charts([loop_chart([fitted_tendon(fitted, 0, None)])], 3.9)
     whose = f"{fitted.name}: recorded" if len(fit.recordings) > 1 else "Recorded"
     return [Figure("fit", picture, f"{whose} tip tension, by phase, and the fitted model.", DOTS)]
 

@@ -13,14 +13,15 @@ from calibrate.diagnosis.outside.leave_out import ASKED, STILL, LeftOut
 from calibrate.fitting.verdict import in_unit
 from calibrate.inference.channels import quantity_of
 from gtr_jax.numbers import measured, measured_quantity, number, quantity
+from gtr_jax.plots.chart_figure import plot_charts, typeset
 from gtr_jax.recordings.base_tension import turning_points
 from gtr_jax.report.page import Figure, Playback, Report, Table
 
 from . import diagnosis_figures as draw
 from .diagnosis_channels import channels_shown, named
+from .diagnosis_charts import axis_of, is_found, label_of, still_charts
 from .diagnosis_playback import diagnosis_playback
 from .fit import detectable, sources
-from .fit_figures import DRAWN, PULL
 from .recording_figures import noise_band
 from .recording_motion import BODIES, FEWEST
 
@@ -55,26 +56,9 @@ def _playbacks(answer: Diagnosis) -> list[Playback]:
     several = len(answer.loops) > 1
     most = max(BODIES // max(len(answer.loops), 1), FEWEST)
     return [
-        diagnosis_playback(
-            answer,
-            loop,
-            _label(answer),
-            found=_found(answer),
-            named=loop.name if several else "",
-            most=most,
-        )
+        diagnosis_playback(answer, loop, named=loop.name if several else "", most=most)
         for loop in answer.loops
     ]
-
-
-def _label(answer: Diagnosis) -> str:
-    """What the model that is shown has, in words."""
-    return "with the nearest term" if answer.verdict == "unexplained" else "with what was missing"
-
-
-def _found(answer: Diagnosis) -> bool:
-    """Whether a model with something missing is shown; where the verdict is "unexplained", the nearest."""
-    return len(answer.held_out) > 1
 
 
 def first_figure(answer: Diagnosis) -> Figure | None:
@@ -83,13 +67,12 @@ def first_figure(answer: Diagnosis) -> Figure | None:
 
 
 def _figures(answer: Diagnosis) -> Iterator[Figure]:
-    label = _label(answer)
     if answer.discovered is not None:
         caption = "The law that was found, over the range that the recordings cover, and nowhere else."
         yield Figure("law", draw.plot_law(answer.discovered), caption)
     for loop in answer.loops:
         for c in channels_shown(loop):
-            yield from _of_channel(answer, loop, c, label)
+            yield from _of_channel(answer, loop, c)
     top = answer.rivals[:SHOWN]
     if len(top) > 1:
         names = [" + ".join(r.names) or "nothing missing" for r in top]
@@ -110,46 +93,36 @@ def _figures(answer: Diagnosis) -> Iterator[Figure]:
         yield Figure("next-experiment", drawn, answer.experiment.says)
 
 
-def _of_channel(answer: Diagnosis, loop: Loop, c: int, label: str) -> list[Figure]:
+def _of_channel(answer: Diagnosis, loop: Loop, c: int) -> list[Figure]:
     """The figures of one channel of a recording, with the names of recording and tendon where there are
     several.
     """
-    pull, axis = loop.pulls[loop.of[c]], draw.axis_of(loop.channels[c])
+    pull, axis = loop.pulls[loop.of[c]], axis_of(loop.channels[c])
     ending, whose = named(loop, c, several=len(answer.loops) > 1)
-    recorded, before = axis.size * np.asarray(loop.recorded[c]), axis.size * np.asarray(loop.before[c])
-    after = axis.size * np.asarray(loop.after[c]) if _found(answer) else None
-    noise = axis.size * loop.noise[c].sd
-    drive = 1e3 * pull.drive if pull.by_displacement else pull.drive
-    of = f" of {pull.tendon}" if pull.tendon else ""
-    along = (DRAWN if pull.by_displacement else PULL).replace(" at the base", f" at the base{of}")
+    loop_chart, course, left = still_charts(answer, loop, c)
+    after, label, noise = is_found(answer), label_of(answer), axis.size * loop.noise[c].sd
+    drive = left[0].lines[0].x.values
+    along = typeset(loop_chart.across)
     found = [
         Figure(
             f"loop{ending}",
-            draw.plot_before_after(drive, recorded, before, after, label, along=along, axis=axis),
+            plot_charts([loop_chart], 3.9),
             f"{whose}The recording and the model, refitted to it"
-            + (f" without and {label}." if after is not None else "."),
+            + (f" without and {label}." if after else "."),
         ),
-        _over_time(answer, loop, pull, axis, (recorded, before, after), label, ending, whose),
-    ]
-    left = None if after is None else after - recorded
-    drawn = draw.plot_residual_map(
-        drive,
-        before - recorded,
-        left,
-        phases=np.asarray(pull.phases),
-        noise=noise,
-        label=label,
-        along=along,
-        axis=axis,
-    )
-    found.append(
+        Figure(
+            f"time{ending}",
+            plot_charts(course, 1.8 + 1.8 * len(course)),
+            f"{whose}The recording over time, and what is left of it"
+            f"{', episodes numbered' if answer.episodes else ''}.",
+        ),
         Figure(
             f"residual{ending}",
-            drawn,
-            f"{whose}Where they differ{noise_band(noise, before - recorded, axis.unit)}.",
-        )
-    )
-    branches = pull.branches if after is not None else pull.branches[:2]
+            plot_charts(left, 0.9 + 2.2 * len(left)),
+            f"{whose}Where they differ{noise_band(noise, left[0].lines[0].y.values, axis.unit)}.",
+        ),
+    ]
+    branches = pull.branches if after else pull.branches[:2]
     if branches and all(len(at) > 1 for at, _, _ in branches):
         found.append(
             Figure(
@@ -159,16 +132,16 @@ def _of_channel(answer: Diagnosis, loop: Loop, c: int, label: str) -> list[Figur
                 "ln(T_tip/T_base) is friction, half the sum what friction cannot do.",
             )
         )
-    shown = before if after is None else after
     if loop.time is not None and float(np.ptp(loop.time)) > 0 and float(np.ptp(drive)) > 0:
+        of = f" of {pull.tendon}" if pull.tendon else ""
         rates = np.gradient(drive, np.maximum.accumulate(loop.time) + 1e-9 * np.arange(len(loop.time)))
         drawn = draw.plot_against_rate(
             rates[loop.counted],
             _since_reversal(loop.time, drive)[loop.counted],
-            (shown - recorded)[loop.counted],
+            left[-1].lines[0].y.values[loop.counted],
             noise=noise,
-            axis=axis,
-            label="best fit" if after is None else label,
+            unit=axis.unit,
+            label=left[-1].title,
             along=f"rate of the displacement{of} [mm/s]"
             if pull.by_displacement
             else f"rate of $T_{{base}}${of} [N/s]",
@@ -176,37 +149,6 @@ def _of_channel(answer: Diagnosis, loop: Loop, c: int, label: str) -> list[Figur
         caption = f"{whose}What is left of {axis.short} against rate, and against time since the base turned."
         found.append(Figure(f"rate{ending}", drawn, caption))
     return found
-
-
-def _over_time(answer, loop, pull, axis, rows, label, ending, whose) -> Figure:
-    """The recording over time, its episodes numbered as in the table."""
-    along, clock = "time [s]", loop.time
-    if clock is None:
-        along, clock = "sample", np.arange(1, len(pull.drive) + 1)
-
-    along += f", {pull.tendon}" if pull.tendon else ""
-
-    def ends(e) -> tuple[float, float]:
-        return (e.first + 1.0, e.last + 1.0) if e.start_s is None else (e.start_s, e.end_s)
-
-    drawn = draw.plot_over_time(
-        clock,
-        None if pull.by_displacement else pull.drive,
-        rows,
-        axis=axis,
-        episodes={
-            k: ends(e)
-            for k, e in enumerate(answer.episodes, start=1)
-            if (e.recording, e.tendon) == (loop.name, pull.tendon)
-        },
-        left_out=[ends(e) for e in answer.left_out if e.recording == loop.name],
-        label=label,
-        along=along,
-    )
-    caption = f"{whose}The recording over time, and what is left of it"
-    return Figure(
-        f"time{ending}", drawn, f"{caption}, episodes numbered." if answer.episodes else f"{caption}."
-    )
 
 
 def _stretch(e: LeftOut) -> str:

@@ -1,10 +1,9 @@
-"""Where a model and a recording differ, before and after what was missing is put in."""
+"""What a diagnosis weighs, and what it proposes: rates, branches, laws, rivals, an experiment."""
 
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -13,190 +12,20 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from calibrate.diagnosis.laws.found import FoundLaw
-from calibrate.inference.channels import quantity_of, unit_of, words_of
 from gtr_jax.numbers import display_unit
 from gtr_jax.plots.style import (
     BLUE,
     GREEN,
     GREY,
     INK,
-    ORANGE,
     PALE,
-    PURPLE,
     VERMILLION,
     column_width,
     figure,
     legend_above,
-    phase_keys,
     styled,
 )
 from gtr_jax.terms.law import VARIABLES
-
-from .fit_figures import PULL, by_phase
-
-FOUND = "with what was missing"
-
-
-class Axis(NamedTuple):
-    """How a channel is drawn: its label, its short name, the unit on paper, and that unit per SI unit."""
-
-    label: str
-    short: str
-    unit: str
-    size: float
-
-
-TIP = Axis("tension at the tip $T_{tip}$", "$T_{tip}$", "N", 1.0)
-
-
-def axis_of(channel: str) -> Axis:
-    """How a channel is drawn."""
-    if quantity_of(channel) == "T_tip":
-        return TIP
-    unit, size = {"N": ("N", 1.0), "m": ("mm", 1e3), "rad": ("°", float(np.degrees(1.0)))}[unit_of(channel)]
-    words = words_of(channel).removeprefix("the ")
-    return Axis(words, words, unit, size)
-
-
-@styled
-def plot_before_after(
-    T_base: np.ndarray,
-    recorded: np.ndarray,
-    before: np.ndarray,
-    after: np.ndarray | None,
-    label: str = FOUND,
-    *,
-    along: str = PULL,
-    axis: Axis = TIP,
-) -> Figure:
-    """The loop: recorded, and the model refitted without and with what was missing.
-
-    Args:
-        T_base: base tension [N], (K,).
-        recorded, before, after: of the channel, in the unit of the axis, (K,); `after` None where nothing was
-            found.
-        label: what the model after has.
-        along: label of the axis of the base tension, or of what drives the tendon instead.
-        axis: how the channel is drawn.
-    """
-    fig, (axes,) = figure(3.9)
-    axes.plot(T_base, recorded, linestyle="", marker="o", markersize=2.4, color=GREY, alpha=0.55)
-    axes.plot(T_base, before, color=VERMILLION, linewidth=1.0)
-    keys = [
-        Line2D([], [], marker="o", linestyle="", markersize=4, color=GREY, label="recorded"),
-        Line2D([], [], color=VERMILLION, label="best fit without" if after is not None else "best fit"),
-    ]
-    if after is not None:
-        axes.plot(T_base, after, color=BLUE, linewidth=1.2)
-        keys.append(Line2D([], [], color=BLUE, label=label))
-    axes.set_xlabel(along)
-    axes.set_ylabel(f"{axis.label} [{axis.unit}]")
-    legend_above(fig, keys)
-    return fig
-
-
-@styled
-def plot_residual_map(
-    T_base: np.ndarray,
-    before: np.ndarray,
-    after: np.ndarray | None,
-    *,
-    phases: np.ndarray,
-    noise: float,
-    label: str = FOUND,
-    along: str = PULL,
-    axis: Axis = TIP,
-) -> Figure:
-    """Simulated minus recorded against base tension, before and after, on one scale.
-
-    Args:
-        T_base: base tension [N], (K,).
-        before, after: residuals, in the unit of the axis, (K,).
-        phases: label of each sample, (K,).
-        noise: standard deviation of the noise, likewise.
-        label: what the model after has.
-        along, axis: as of `plot_before_after`.
-    """
-    panels = [("without", before)] + ([] if after is None else [(label, after)])
-    fig, rows = figure(0.9 + 2.2 * len(panels), len(panels), sharex=True, sharey=True)
-    for axes, (which, residual) in zip(rows, panels, strict=True):
-        axes.axhspan(-2 * noise, 2 * noise, color=PALE, linewidth=0, zorder=0)
-        by_phase(axes, T_base, residual, phases)
-        axes.set_ylabel(f"simulated − recorded [{axis.unit}]")
-        axes.set_title(f"best fit {which}" if after is not None else "best fit", loc="left", fontsize=9)
-    rows[-1].set_xlabel(along)
-    legend_above(fig, phase_keys(phases, marker="o"))
-    return fig
-
-
-@styled
-def plot_over_time(
-    time: np.ndarray,
-    T_base: np.ndarray | None,
-    rows: Sequence[np.ndarray | None],
-    *,
-    axis: Axis = TIP,
-    episodes: Mapping[int, tuple[float, float]],
-    left_out: Sequence[tuple[float, float]],
-    label: str = FOUND,
-    along: str = "time [s]",
-) -> Figure:
-    """The recording over time and what the models leave of it, with the episodes in which they part.
-
-    Args:
-        time: of the samples [s], or their places in the recording, (K,).
-        T_base: base tension [N], (K,); None where it was not recorded.
-        rows: of the channel, in the unit of the axis, (K,): recorded, simulated before, and after or None.
-        axis: how the channel is drawn.
-        episodes: first and last time of each, by its number in the table.
-        left_out: the same of what is left out.
-        label: what the model after has.
-        along: label of the axis.
-    """
-    recorded, before, after = rows
-    assert recorded is not None and before is not None
-    apart = T_base is not None and axis.unit != "N"
-    fig, (*above, over, left) = figure(5.4 + 1.8 * apart, 2 + apart, sharex=True)
-    for axes in (*above, over, left):
-        for a, b in left_out:
-            axes.axvspan(a, b, facecolor="none", edgecolor=GREY, hatch="////", linewidth=0, alpha=0.5)
-    if T_base is not None:
-        (above[0] if apart else over).plot(time, T_base, color=PURPLE, linewidth=0.8)
-    for axes in above:
-        axes.set_ylabel("tension [N]")
-    over.plot(time, recorded, color=GREY, linewidth=2.0, alpha=0.6)
-    over.plot(time, before, color=VERMILLION, linewidth=0.8)
-    left.plot(time, before - recorded, color=VERMILLION, linewidth=0.8)
-    keys: list[Artist] = [
-        *([] if T_base is None else [Line2D([], [], color=PURPLE, label="$T_{base}$")]),
-        Line2D([], [], color=GREY, linewidth=2, label=f"{axis.short} recorded"),
-        Line2D([], [], color=VERMILLION, label="best fit without" if after is not None else "best fit"),
-    ]
-    if after is not None:
-        over.plot(time, after, color=BLUE, linewidth=0.9)
-        left.plot(time, after - recorded, color=BLUE, linewidth=0.9)
-        keys.append(Line2D([], [], color=BLUE, label=label))
-    if episodes:
-        for number, (a, b) in episodes.items():
-            left.axvspan(a, b, color=ORANGE, alpha=0.25, linewidth=0)
-            left.annotate(
-                str(number),
-                (0.5 * (a + b), 1.0),
-                xycoords=("data", "axes fraction"),
-                xytext=(0, 2),
-                textcoords="offset points",
-                ha="center",
-                fontsize=7,
-                color=INK,
-            )
-        keys.append(Patch(color=ORANGE, alpha=0.25, label="episode"))
-    if left_out:
-        keys.append(Patch(facecolor="none", edgecolor=GREY, hatch="////", label="left out"))
-    over.set_ylabel("tension [N]" if axis is TIP else textwrap.fill(f"{axis.label} [{axis.unit}]", 24))
-    left.set_ylabel(f"simulated − recorded [{axis.unit}]")
-    left.set_xlabel(along)
-    legend_above(fig, keys)
-    return fig
 
 
 @styled
@@ -207,7 +36,7 @@ def plot_against_rate(
     *,
     noise: float,
     label: str,
-    axis: Axis = TIP,
+    unit: str,
     along: str = "rate of $T_{base}$ [N/s]",
 ) -> Figure:
     """What is left of a channel against the rate of the base tension, and the time since that last turned.
@@ -215,10 +44,9 @@ def plot_against_rate(
     Args:
         rates: of the base tension [N/s], (K,).
         since: time since the last reversal of the base tension [s], (K,).
-        residual: simulated minus recorded, in the unit of the axis, (K,).
+        residual: simulated minus recorded, in `unit`, (K,).
         noise: standard deviation of the noise, likewise.
         label: which model is shown.
-        axis: how the channel is drawn.
         along: label of the axis of the rate.
     """
     fig = Figure(figsize=(column_width(), 2.6), layout="constrained")
@@ -235,7 +63,7 @@ def plot_against_rate(
         axes.set_xscale("log")
     left.set_xlabel(along)
     right.set_xlabel("time since reversal [s]")
-    left.set_ylabel(f"simulated − recorded [{axis.unit}]")
+    left.set_ylabel(f"simulated − recorded [{unit}]")
     left.set_title(label, loc="left", fontsize=9)
     legend_above(fig, keys)
     return fig
@@ -243,14 +71,14 @@ def plot_against_rate(
 
 @styled
 def plot_branches(
-    branches: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]], label: str = FOUND, *, along: str = PULL
+    branches: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]], label: str, *, along: str
 ) -> Figure:
     """Half the difference D and half the sum S of ln(T_tip/T_base) on release and pull, at matched tension.
 
     Args:
         branches: base tension [N], D and S, (n,) each: of the recording, the model before, and after.
         label: what the model after has.
-        along: as of `plot_before_after`.
+        along: label of the axis of the base tension.
     """
     fig, rows = figure(4.2, 2, sharex=True)
     styles = [

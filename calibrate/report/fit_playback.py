@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Sequence
-
-import numpy as np
-
 from calibrate.fitting.fitted import FittedRecording
-from calibrate.inference.channels import channels_in, quantity_of, unit_of
-from gtr_jax.plots.style import GREY, INK
-from gtr_jax.plots.tendons import COLOURS
+from calibrate.inference.channels import channels_in, quantity_of
+from gtr_jax.plots.chart import Chart, Column, clock_of
 from gtr_jax.recordings.recording import Recording
 from gtr_jax.report.page import Playback
-from gtr_jax.report.playback import Chart, Column, Line, clock_of, playback
+from gtr_jax.report.playback import playback
 
-from .fit_figures import LABELS, SHOWN
-from .recording_figures import of_tendon
+from .fit_charts import (
+    Over,
+    channel_chart,
+    course_chart,
+    fitted_model,
+    fitted_tendon,
+    loop_chart,
+    residual_charts,
+)
 from .recording_motion import Motion
 
-DRIVES = {"tension": "tension at the base [N]", "displacement": "displacement at the base [mm]"}
 OTHERS = 6  # channels beside tip tensions that are shown
 
 
@@ -35,45 +35,21 @@ def fit_playback(
         most: steps at which the body is shown.
     """
     clock, along = clock_of(recording.time, len(recording))
-    loops, course, left, against, told = [], [], [], [], []
-    tendons = fitted.robot.tendons if fitted.tips else ()
-    for i, tendon in enumerate(tendons):
-        drawn = tendon.drive == "displacement"
-        of = f" of {tendon.name}" if tendon.name else ""
-        factor, unit = (1e3, "mm") if drawn else (1.0, "N")
-        what = f"displacement{of}" if drawn else f"T_base{of}"
-        given = recording.displacement if drawn else recording.T_base
-        pull = Column(f"{what}, recorded", unit, factor * of_tendon(i, given))
-        model = Column(f"{what}, fitted", unit, factor * of_tendon(i, fitted.T_base))
-        tip = Column(f"T_tip{of}, recorded", "N", of_tendon(i, recording.T_tip))
-        fits = Column(f"T_tip{of}, fitted model", "N", np.asarray(fitted.tips[i].simulated))
-        residual = Column(f"simulated − recorded{of}", "N", np.asarray(fitted.tips[i].residual))
-        half = 1.96 * np.hypot(of_tendon(i, fitted.band), fitted.noise_N or 0.0)
-        band = Column(f"95 % of samples{of}, half width", "N", half)
-        dots = functools.partial(Line, style="dots", phases=of_tendon(i, fitted.phases))
-        if len(tendons) > 1:
-            dots = functools.partial(Line, style="dots", colour=COLOURS[i % len(COLOURS)])
-        loops += [dots(pull, tip), Line(model, fits, INK, band=band)]
-        course += [] if drawn else [Line(clock, pull, GREY, "dashed")]
-        course += [dots(clock, tip), Line(clock, fits, INK)]
-        left.append(dots(clock, residual))
-        against.append(dots(pull, residual))
-        told += [pull, tip, fits, residual]
-    drive = across([tendon.drive for tendon in tendons])
+    names = [tendon.name for tendon in fitted.robot.tendons] if fitted.tips else []
+    tendons = [fitted_tendon(fitted, i, recording) for i in range(len(names))]
     charts = []
-    if loops:
-        difference = "simulated − recorded T_tip [N]"
+    if tendons:
         charts = [
-            Chart("Loop", drive, "tension at the tip [N]", loops),
-            Chart("Tensions", along, "tension [N]", course),
-            Chart("Residual over the recording", along, difference, left, fitted.noise_N),
-            Chart("Residual over the pull", drive, difference, against, fitted.noise_N),
+            loop_chart(tendons),
+            course_chart(tendons, clock, along),
+            *residual_charts(tendons, clock, along, fitted.noise_N),
         ]
+    told = [column for t in tendons for column in (t.pull, t.tip, t.simulated, t.residual)]
     others = _others(fitted, recording, clock, along)
     charts += others
     told = told or [line.y for chart in others for line in chart.lines]
     ending = f"-{named}" if named else ""
-    own = [f"-{tendon.name}" if tendon.name else "" for tendon in tendons]
+    own = [f"-{name}" if name else "" for name in names]
     return playback(
         charts,
         clock=clock,
@@ -86,46 +62,11 @@ def fit_playback(
     )
 
 
-def across(drives: Sequence[str]) -> str:
-    """Label of the axis of what drives the tendons, by tension or displacement each."""
-    kinds = set(drives)
-    return DRIVES[kinds.pop()] if len(kinds) == 1 else "tension [N] or displacement [mm] at the base"
-
-
 def _others(fitted: FittedRecording, recording: Recording, clock: Column, along: str) -> list[Chart]:
     """What was compared beside the tip tensions, each over the recording."""
     seen = channels_in(recording, fitted.robot)
     names = [name for name in fitted.channels if quantity_of(name) != "T_tip"][:OTHERS]
     return [
-        channel_chart(
-            name, clock, along, seen[name], [("fitted model", fitted.channels[name].simulated, INK)]
-        )
+        channel_chart(name, Over(clock, clock, along), seen[name], [fitted_model(fitted, name)])
         for name in names
     ]
-
-
-def channel_chart(
-    name: str,
-    clock: Column,
-    along: str,
-    recorded: np.ndarray,
-    models: Sequence[tuple[str, np.ndarray, str]],
-) -> Chart:
-    """One channel over a recording of K samples.
-
-    Args:
-        name: of the channel.
-        clock, along: time or number of the samples, and the label of that axis.
-        recorded: SI, (K,).
-        models: what each is called, what it simulates, SI, (K,), and its colour.
-    """
-    quantity, _, tendon = name.partition(".")
-    unit, factor = SHOWN[unit_of(name)]
-    words = LABELS.get(quantity, quantity.replace("_", " ")).replace("$", "")
-    words = " of ".join(filter(None, (words, tendon)))
-    lines = [Line(clock, Column(f"{words}, recorded", unit, factor * np.asarray(recorded)), GREY, "dots")]
-    lines += [
-        Line(clock, Column(f"{words}, {label}", unit, factor * np.asarray(values)), colour)
-        for label, values, colour in models
-    ]
-    return Chart(words[0].upper() + words[1:], along, f"{words} [{unit}]", lines)

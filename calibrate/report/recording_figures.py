@@ -3,25 +3,38 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import NamedTuple
+from collections.abc import Sequence
 
 import numpy as np
+from matplotlib.figure import Figure as Drawing
 
 from calibrate.fitting.fitted import FittedRecording
 from calibrate.fitting.result import FitResult
 from calibrate.inference.channels import channels_in, quantity_of
 from gtr_jax import equilibrium
 from gtr_jax.numbers import measured_quantity, number
+from gtr_jax.plots.chart import clock_of
+from gtr_jax.plots.chart_figure import plot_charts
 from gtr_jax.plots.style import is_seen
 from gtr_jax.recordings.recording import Recording
 from gtr_jax.report.page import Figure
 from gtr_jax.report.spatial import shape_figure
 from gtr_jax.simulation.displacement import by_tension
 
-from . import fit_figures as draw
+from .fit_charts import (
+    Over,
+    channel_chart,
+    course_chart,
+    drive_of,
+    fitted_model,
+    fitted_tendon,
+    loop_chart,
+    residual_charts,
+)
 from .recording_motion import Motion
 
 NAMES = {"mu": "μ"}  # as pictures write them
+MANY = 6  # channels, from which on they are drawn lower
 
 
 def recording_figures(
@@ -49,26 +62,28 @@ def recording_figures(
         figures += _of_tendon(fit, fitted, recording, i, (f"{own}{ending}", f"{whose}{of}"))
     if motion is not None and fitted.robot.space:
         figures.append(_body(motion, ending, whose))
-    seen = channels_in(recording, fitted.robot)
-    others = {
-        name: (seen[name], np.asarray(channel.simulated))
-        for name, channel in fitted.channels.items()
-        if quantity_of(name) != "T_tip"
-    }
+    others = [name for name in fitted.channels if quantity_of(name) != "T_tip"]
     if others:
-        pull = _pull(fitted, recording, 0)
-        over = pull.recorded, pull.model, pull.label
-        if len(fitted.robot.tendons) > 1:
-            samples = np.arange(1, len(recording) + 1.0)
-            over = samples, samples, "sample"
         figures.append(
             Figure(
                 f"channels{ending}",
-                draw.plot_channels(*over[:2], others, phases=pull.phases, label=over[2]),
+                _channels(fitted, recording, others),
                 f"{whose}What {'else ' if fitted.tips else ''}was recorded, and the fitted model.",
             )
         )
     return figures
+
+
+def _channels(fitted: FittedRecording, recording: Recording, names: Sequence[str]) -> Drawing:
+    """Channels over what drives the tendon, or of several tendons over the samples."""
+    over = drive_of(fitted, 0, recording)
+    if len(fitted.robot.tendons) > 1:
+        samples, label = clock_of(None, len(recording))
+        over = Over(samples, samples, label, over.phases)
+    seen = channels_in(recording, fitted.robot)
+    charts = [channel_chart(name, over, seen[name], [fitted_model(fitted, name)]) for name in names]
+    each = 2.2 if len(names) < MANY else 1.8
+    return plot_charts(charts, 1.0 + each * len(names))
 
 
 def _body(motion: Motion, ending: str, whose: str) -> Figure:
@@ -80,34 +95,6 @@ def _body(motion: Motion, ending: str, whose: str) -> Figure:
     return dataclasses.replace(figure, name=f"{figure.name}{ending}", caption=f"{whose}{figure.caption}")
 
 
-class _Pull(NamedTuple):
-    """One tendon of a recording: what drives it, as recorded and in the model, as it is drawn, (K,) each; its
-    label; and the phases, (K,).
-    """
-
-    recorded: np.ndarray
-    model: np.ndarray
-    label: str
-    phases: np.ndarray
-
-
-def _pull(fitted: FittedRecording, recording: Recording, i: int) -> _Pull:
-    drawn = fitted.robot.tendons[i].drive == "displacement"
-    factor, label = (1e3, draw.DRAWN) if drawn else (1.0, draw.PULL)
-    return _Pull(
-        recorded=factor * of_tendon(i, recording.displacement if drawn else recording.T_base),
-        model=factor * of_tendon(i, fitted.T_base),
-        label=label,
-        phases=of_tendon(i, fitted.phases),
-    )
-
-
-def of_tendon(i: int, values: np.ndarray | None) -> np.ndarray:
-    """Values of one tendon, (K,), from those of all, (K, *tendons)."""
-    each = np.asarray(values)
-    return each.reshape(len(each), -1)[:, i]
-
-
 def _of_tendon(
     fit: FitResult, fitted: FittedRecording, recording: Recording, i: int, named: tuple[str, str]
 ) -> list[Figure]:
@@ -115,47 +102,33 @@ def _of_tendon(
     their captions.
     """
     ending, whose = named
-    pull, T_tip, band = (
-        _pull(fitted, recording, i),
-        of_tendon(i, recording.T_tip),
-        of_tendon(i, _band(fitted)),
-    )
-    simulated, left = np.asarray(fitted.tips[i].simulated), np.asarray(fitted.tips[i].residual)
-    loop = draw.plot_fit(
-        pull.recorded,
-        T_tip,
-        simulated=(pull.model, simulated),
-        phases=pull.phases,
-        band=band,
-        found=[
-            f"{NAMES.get(e.name, e.name)} = {measured_quantity(e.value, e.sd, e.unit)}" for e in fit.estimates
-        ],
-        label=pull.label,
-    )
-    tension = pull.recorded if pull.label == draw.PULL else None
-    over_time = draw.plot_time(recording.time, tension, T_tip, simulated=simulated, phases=pull.phases)
-    residual = draw.plot_residual(
-        pull.recorded, left, phases=pull.phases, noise=fitted.noise_N, label=pull.label
-    )
-    beside = "" if tension is None else ", with the tension at the base"
-    drive = "displacement" if tension is None else "base tension"
+    tendon = fitted_tendon(fitted, i, recording)
+    clock, along = clock_of(recording.time, len(recording))
+    over_clock, over_pull = residual_charts([tendon], clock, along, fitted.noise_N)
+    found = [
+        f"{NAMES.get(e.name, e.name)} = {measured_quantity(e.value, e.sd, e.unit)}" for e in fit.estimates
+    ]
+    drawn = tendon.drive == "displacement"
+    beside = "" if drawn else ", with the tension at the base"
     return [
         Figure(
             f"fit{ending}",
-            loop,
+            plot_charts([loop_chart([tendon])], 3.9, found),
             f"{whose}The recording, coloured by the fitted model's phase, and the model's "
-            f"loop{_within(band, simulated)}.",
+            f"loop{_within(tendon.band.values, tendon.simulated.values)}.",
         ),
         Figure(
             f"time{ending}",
-            over_time,
+            plot_charts([course_chart([tendon], clock, along)], 3.2),
             f"{whose}The same {'sample by sample' if recording.time is None else 'over time'}{beside}.",
         ),
         Figure(
             f"residual{ending}",
-            residual,
-            f"{whose}Simulated minus recorded tip tension, against {drive} and along it"
-            f"{noise_band(fitted.noise_N, left)}. A pattern means that the model lacks something.",
+            plot_charts([over_pull, over_clock], 5.6),
+            f"{whose}Simulated minus recorded tip tension, against "
+            f"{'displacement' if drawn else 'base tension'} and along the recording"
+            f"{noise_band(fitted.noise_N, tendon.residual.values)}. "
+            "A pattern means that the model lacks something.",
         ),
     ]
 
@@ -174,10 +147,3 @@ def _within(band: np.ndarray, T_tip: np.ndarray) -> str:
     if is_seen(float(np.max(band)), T_tip):
         return "; 95 in 100 samples lie within the grey band if the model is right"
     return f"; 95 in 100 samples lie within {number(float(np.max(band)), 'N', 2)} of it if the model is right"
-
-
-def _band(fitted: FittedRecording) -> np.ndarray:
-    """Half width of the band that holds 95 % of samples: noise and the parameters' uncertainty [N], (K,
-    *tendons).
-    """
-    return 1.96 * np.hypot(np.asarray(fitted.band), fitted.noise_N or 0.0)

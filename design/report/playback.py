@@ -11,11 +11,12 @@ import jax.tree_util as jtu
 import numpy as np
 from numpy.typing import ArrayLike
 
+from gtr_jax.plots.chart import Chart, Column, Line, Span
 from gtr_jax.plots.style import INK, VERMILLION
 from gtr_jax.plots.tendons import COLOURS
 from gtr_jax.report.motion import body_of
 from gtr_jax.report.page import Playback
-from gtr_jax.report.playback import Chart, Column, Line, Span, playback
+from gtr_jax.report.playback import playback
 from gtr_jax.report.spatial import tip_angle
 from gtr_jax.robot.robot import Robot
 from gtr_jax.simulation.history import Simulation, simulate

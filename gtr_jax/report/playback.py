@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from gtr_jax.plots.style import GREY, PHASE_COLOUR
+from gtr_jax.plots.chart import Chart, Column, Line
+from gtr_jax.plots.style import PHASE_COLOUR
 
 from .page import Playback
 
@@ -21,58 +21,6 @@ CAPTION = (
     "to zoom; Shift and drag moves what is seen; the wheel zooms the chart that was clicked last, or with "
     "Ctrl any; a double click shows all."
 )
-
-
-@dataclass(frozen=True, eq=False)
-class Column:
-    """A quantity of K samples: what to call it, its unit and its values as shown, NaN where there is none."""
-
-    label: str
-    unit: str
-    values: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
-class Line:
-    """One quantity over another; dots, crosses or a line of one colour, or in the colours of phases, (K,)
-    labels; about it a band, of which `band` is half the height.
-    """
-
-    x: Column
-    y: Column
-    colour: str = GREY
-    style: Literal["line", "dashed", "dots", "crosses"] = "line"
-    phases: np.ndarray | None = None
-    band: Column | None = None
-
-
-class Span(NamedTuple):
-    """A stretch of the axis across, in its unit: what it is, a mark that is written above it, its colour."""
-
-    start: float
-    end: float
-    label: str
-    mark: str
-    colour: str
-
-
-@dataclass(frozen=True, eq=False)
-class Chart:
-    """Lines over common axes.
-
-    Attributes:
-        title, across, up: of the chart and of its axes, with units.
-        lines: in the order in which they are drawn.
-        noise: standard deviation of what is drawn; a band of two of it lies about zero. None for no band.
-        spans: stretches across that are told apart by colour.
-    """
-
-    title: str
-    across: str
-    up: str
-    lines: Sequence[Line]
-    noise: float | None = None
-    spans: Sequence[Span] = ()
 
 
 def playback(
@@ -151,13 +99,6 @@ def playback(
     fewer = f" {len(kept):,} of {K:,} samples are shown." if len(kept) < K else ""
     turned = " Drag the body, or press its arrow keys, to turn it." if body and body["space"] else ""
     return Playback(data, f"{CAPTION}{turned}{fewer}", tuple(stills), title)
-
-
-def clock_of(time: np.ndarray | None, samples: int) -> tuple[Column, str]:
-    """What the courses of a recording run along, and the label of that axis: time, or numbers of samples."""
-    if time is None:
-        return Column("sample", "", np.arange(1.0, samples + 1)), "sample"
-    return Column("time", "s", np.asarray(time)), "time [s]"
 
 
 def kept_samples(columns: Sequence[np.ndarray], most: int) -> np.ndarray:

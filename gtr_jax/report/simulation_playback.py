@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from gtr_jax.plots.chart import Chart, Column, Line
 from gtr_jax.plots.style import BLUE, GREY, INK, VERMILLION
 from gtr_jax.plots.tendons import COLOURS
 
 from . import spatial
 from .motion import body_of
 from .page import Playback
-from .playback import Chart, Column, Line, playback
+from .playback import playback
 from .simulation_answer import SimulationAnswer
 
 BASE, TIP = "tension at the base [N]", "tension at the tip [N]"

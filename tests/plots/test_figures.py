@@ -1,11 +1,15 @@
 """What every figure owes its reader: nothing is cut off; and its caller: axes of their own."""
 
+from typing import cast
+
 import numpy as np
 import pytest
 import xarray
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
-from calibrate.report.fit_figures import plot_time
+from gtr_jax.plots.chart import Chart, Column, Line, Span
+from gtr_jax.plots.chart_figure import plot_charts, typeset
 from gtr_jax.plots.loop import plot_loop
 from gtr_jax.plots.sweep import plot_curves, plot_maps, plot_sensitivity
 from gtr_jax.plots.tendons import plot_tendons
@@ -13,15 +17,67 @@ from gtr_jax.simulation.phases import PULLING, RELEASING, REST, TRANSITION
 from gtr_jax.sweep.sensitivity import Index
 
 
+def course(phases):
+    """Both tensions over time, with a model that fits the tip."""
+    time = Column("time", "s", np.arange(1.0 * len(phases)))
+    base, tip = (
+        Column(f"T_{end}, recorded", "N", size * time.values) for end, size in (("base", 2), ("tip", 1))
+    )
+    model = Column("T_tip, fitted model", "N", time.values)
+    lines = [
+        Line(time, base, style="dashed"),
+        Line(time, tip, style="dots", phases=phases),
+        Line(time, model),
+    ]
+    return Chart("Tensions", "time [s]", "tension [N]", lines)
+
+
 @pytest.mark.parametrize("phases", [[PULLING], [PULLING, TRANSITION, RELEASING, REST]])
 def test_a_legend_lies_within_the_figure(phases):
-    t = np.arange(40.0)
-    fig = plot_time(t, t, t, simulated=t, phases=np.repeat(phases, 40 // len(phases)))
+    fig = plot_charts([course(np.repeat(phases, 40 // len(phases)))], 3.2)
     (legend,) = fig.legends
     fig.canvas.draw()
     box = legend.get_window_extent()
     assert box.x0 >= 0 and box.x1 <= fig.bbox.width
     assert len(legend.get_texts()) == 2 + len(phases)
+
+
+def test_a_figure_draws_what_its_chart_says():
+    """Samples, bands and stretches lie where the chart has them; axes are named, with their units."""
+    x, half = Column("T_base", "N", T), Column("95 % of samples, half width", "N", 0.0 * T + 3.0)
+    left = Column("simulated − recorded, best fit", "N", np.array([1.0, -1, np.nan, 2, 0]))
+    line = Line(x, Column("T_tip, best fit", "N", 0.5 * T), "#D55E00", band=half)
+    spans = [Span(5, 8, "episode", "1", "#E69F00")]
+    charts = [
+        Chart("Loop", "tension at the base [N]", "tension at the tip [N]", [line]),
+        Chart("Left", "time [s]", "simulated − recorded T_tip [N]", [Line(x, left)], 0.5, spans),
+    ]
+    fig = plot_charts(charts, 5.0)
+    loop, rest = fig.axes
+    np.testing.assert_array_equal(loop.lines[0].get_xydata(), np.stack([T, 0.5 * T], axis=1))
+    band = np.concatenate([path.vertices for piece in loop.collections for path in piece.get_paths()])
+    assert (band[:, 1].min(), band[:, 1].max()) == (-3, 13)
+    np.testing.assert_array_equal(rest.lines[-1].get_ydata(), left.values)
+    noise, episode = (cast(Rectangle, patch).get_bbox() for patch in rest.patches)
+    assert (noise.y0, noise.y1) == (-1, 1) and (episode.x0, episode.x1) == (5, 8)
+    assert [t.get_text() for t in rest.texts] == ["1"]
+    assert loop.get_xlabel() == "tension at the base $T_{base}$ [N]" and rest.get_xlabel() == "time [s]"
+    named = [text.get_text() for text in fig.legends[0].get_texts()]
+    lines = ["$T_{tip}$, best fit", "simulated − recorded, best fit"]
+    assert named == [*lines, "95 % of samples", "episode", "noise, ±2 sd"]
+
+
+def test_charts_share_an_axis_that_says_the_same():
+    one, other = course(np.repeat(PULLING, 40)), course(np.repeat(RELEASING, 40))
+    above, below = plot_charts([one, other], 5.0).axes
+    assert not above.get_xlabel() and below.get_xlabel() == "time [s]"
+    assert above.get_title(loc="left") == "Tensions", "where both are shared"
+
+
+def test_symbols_are_set_as_paper_has_them():
+    assert typeset("tension at the base of left [N]") == "tension at the base of left $T_{base}$ [N]"
+    assert typeset("T_tip, fitted model") == "$T_{tip}$, fitted model"
+    assert typeset("turn about z [°]") == "turn about $z$ [°]" and typeset("tip x [mm]") == "tip $x$ [mm]"
 
 
 def indices():

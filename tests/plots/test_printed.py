@@ -10,9 +10,11 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from calibrate.report.diagnosis_figures import plot_against_rate, plot_rivals
-from calibrate.report.fit_figures import plot_profiles, plot_residual
+from calibrate.report.fit_figures import plot_profiles
 from gtr_jax.errors import InputError
 from gtr_jax.plots import printed as module
+from gtr_jax.plots.chart import Chart, Column, Line
+from gtr_jax.plots.chart_figure import plot_charts
 from gtr_jax.plots.loop import plot_loop
 from gtr_jax.plots.printed import COLUMN, INCH, PAGE, printed
 from gtr_jax.plots.style import WIDTH, drawn_again, figure, png, styled
@@ -44,12 +46,20 @@ def test_the_users_backend_stays():
         matplotlib.use(before)
 
 
+def residual():
+    base, left = Column("T_base", "N", T), Column("simulated − recorded", "N", np.sin(T))
+    dots = Line(base, left, style="dots", phases=PHASES)
+    return Chart("Residual", "tension at the base [N]", "simulated − recorded T_tip [N]", [dots], 0.2)
+
+
 FIGURES = {
     "loop": lambda: plot_loop(T, 0.6 * T, phases=PHASES, frictionless=T, switch=(12.0, 24.0)),
-    "residual": lambda: plot_residual(T, np.sin(T), phases=PHASES, noise=0.2),
+    "residual": lambda: plot_charts([residual(), residual()], 5.6),
     "profiles": lambda: plot_profiles({"mu": (np.linspace(0.3, 0.4, 5), PARABOLA, PARABOLA)}),
     "tendons": lambda: plot_tendons(BOTH, 0.6 * BOTH, T / 40, ("left", "right")),
-    "rate": lambda: plot_against_rate(1 + T, 1 + T, np.sin(T), noise=0.1, label="with what was missing"),
+    "rate": lambda: plot_against_rate(
+        1 + T, 1 + T, np.sin(T), noise=0.1, unit="N", label="with what was missing"
+    ),
     "rivals": lambda: plot_rivals(
         ["local-friction.stretch", "none"], np.array([1.0, 0]), np.array([60.0, 0])
     ),

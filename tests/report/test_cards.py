@@ -164,9 +164,8 @@ def test_a_fit_shows_its_loop_and_estimates(make_robot):
     )
     T = np.linspace(0, 10, 12)
     tip = SimpleNamespace(simulated=0.8 * T, residual=np.full(12, 0.01))
-    fitted = SimpleNamespace(
-        name="r", robot=make_robot(), tips=[tip], T_base=T, phases=np.full(12, "pulling"), channels={}
-    )
+    known = {"T_base": T, "band": 0.0 * T, "noise_N": 0.01, "phases": np.full(12, "pulling")}
+    fitted = SimpleNamespace(name="r", robot=make_robot(), tips=[tip], channels={}, **known)
     fit = SimpleNamespace(
         estimates=[estimate], verdict="mu = 0.3 <so>.", warnings=[], converged=True, recordings=(fitted,)
     )

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from gtr_jax.plots.chart import Chart, Column, Line, Span, clock_of
 from gtr_jax.plots.style import GREY, INK, ORANGE, PURPLE, VERMILLION
 from gtr_jax.recordings.recording import Recording
 from gtr_jax.report.page import Playback
-from gtr_jax.report.playback import Chart, Column, Line, Span, clock_of, playback
+from gtr_jax.report.playback import playback
 
 from ..inspection import Inspection
 from .figures import PHASES
