@@ -12,7 +12,7 @@ from calibrate.inference.instruments import of_one, tendon_of_channel
 from calibrate.inference.side_by_side import in_lanes
 from calibrate.inference.simulated_rig import SimulatedRig
 from calibrate.inference.simulation_cache import SimulationCache
-from calibrate.planning.experiment import Experiment, propose
+from calibrate.planning.proposal import Experiment, propose
 from gtr_jax import Recording, Robot, RobotConfig
 
 from .answer.gathered import gathered
@@ -28,6 +28,7 @@ from .decision.decide import (
     narrowed,
     with_unseen,
 )
+from .decision.rivals import rivals_of
 from .decision.verdict import AMBIGUOUS, DISCOVERED, PARTLY, UNEXPLAINED
 from .evidence.averaged import averaged
 from .evidence.marginal import Marginal, jointly
@@ -435,7 +436,11 @@ def _answer(
     proposal: Experiment | None = None
     if wanted and chosen.names:
         say("looking for the experiment that would decide")
-        proposal = propose(models, decision, likelihood.rigs[0])
+        rivals = rivals_of(models, decision)
+        if len(rivals) > 1:
+            sd = [noise.sd for noise in likelihood.noise[0]]
+            named = decision.verdict != UNEXPLAINED
+            proposal = propose(rivals, likelihood.rigs[0], sd, named=named)
     loops, left = [], [likelihood.residuals(m.fitted.seen) for m in (before, after)]
     for k, part in enumerate(ready.full):
         plain, shown = part.recorded + left[0][k], part.recorded + left[1][k]

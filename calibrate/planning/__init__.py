@@ -1,4 +1,8 @@
-"""What to measure next: experiments simulated under all that recordings leave open, and ranked."""
+"""What to measure next: experiments simulated under all that recordings leave open, and ranked.
+
+`plan` serves `gtr next`, `propose` a diagnosis. Both go from `candidates.py`
+(with `load_histories.py` and `ways_to_drive.py`) to `outcome.py`, `worth.py`, `choice.py` and `words.py`.
+"""
 
 from .model import OpenModel
 from .opened import Opened, open_files, open_folder

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+import itertools
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 
 from calibrate.inference.channels import ORIENTATION, of_tendons, quantity_of, unit_of
-from gtr_jax import InputError
+from gtr_jax import InputError, Robot
 from gtr_jax.recordings.formats.quantities import marker_quantities
 
-from .experiment import ALL_REMOVED, POSE_NOISE, REMOVED
 from .load_histories import checks, menu, more_histories
 from .model import OpenModel
 from .opened import READINGS, TENSION_SD, Opened
 from .ways_to_drive import Values, ways_to_drive
 
+# Standard deviation assumed for instruments that were not used: m, m, m, rad, m.
+POSE_NOISE = {"tip_x": 3e-4, "tip_y": 3e-4, "tip_z": 3e-4, "tip_angle": 5e-3, "displacement": 1e-4}
 # Standard deviation of a marker's place and of the angle of its section where none was recorded [m, rad].
 MARKER_NOISE = {"m": 3e-4, "rad": 5e-3}
 TENSION, POSE, DRAWN, MARKERS = (
@@ -25,6 +27,7 @@ TENSION, POSE, DRAWN, MARKERS = (
     "the tendon's displacement",
     "the markers",
 )
+REMOVED, ALL_REMOVED = "the tendon taken off", "the tendons taken off"
 # What it takes to do something to the rig, and to add an instrument, in the worth of `plan`.
 EFFORT_OF_RIG, EFFORT_OF_INSTRUMENT = 1.0, 0.5
 
@@ -78,6 +81,77 @@ class Candidate:
         return not self.done
 
 
+# What is recorded: what that adds, in words, and the standard deviation of each channel, SI, by name.
+Readings = tuple[tuple[str, ...], dict[str, float]]
+
+
+def driven(
+    robot: Robot,
+    tendon: int,
+    histories: Mapping[str, tuple[np.ndarray, np.ndarray]],
+    resting: np.ndarray,
+    readings: Sequence[Readings],
+    *,
+    hung_from: float | None,
+) -> list[Candidate]:
+    """The experiments in which one tendon is driven and the others rest, with all that may be recorded.
+
+    Args:
+        robot: of the rig.
+        tendon: number of the one that is driven.
+        histories: time [s] and drive of the tendon, a tension [N] or a displacement [m], (K,) each, by
+            description.
+        resting: drive of each tendon at rest, (tendons,).
+        readings: what may be recorded.
+        hung_from: the largest base tension [N], of which a weight hung from the tip is a share; None where
+            the rig stays as it is.
+    """
+    ways = ways_to_drive(list(histories), robot, hung_from or 0.0)
+    whose = f" by {robot.tendon_names[tendon]}" if robot.tendon_names else ""
+    found = []
+    for way in ways[: len(histories)] if hung_from is None else ways:
+        time, own = histories[way.name]
+        drive = np.tile(resting, (len(time), 1))
+        drive[:, tendon] = own
+        for added, sd in readings:
+            found.append(Candidate(way.name + whose, way.done, added, time, drive, None, sd, way.changed))
+    return found
+
+
+def check_of_cells(
+    robot: Robot, name: str, check: tuple[np.ndarray, np.ndarray, np.ndarray], sd: Mapping[str, float]
+) -> Candidate:
+    """A check of the load cells by themselves.
+
+    Args:
+        robot: of the rig.
+        name: description of the check.
+        check: time [s] and the weights on the base cells and on the tip cells [N], (K,) each.
+        sd: standard deviations of "T_base" and "T_tip" [N].
+    """
+    time, base, tip = check
+    return Candidate(
+        name=name,
+        done=ALL_REMOVED if robot.tendon_names else REMOVED,
+        added=(),
+        time=time,
+        drive=np.tile(base[:, None], (1, len(robot.tendons))),
+        weight=tip,
+        sd=sd,
+        changed=dict,
+    )
+
+
+def by_drive(candidates: Iterable[Candidate]) -> list[list[Candidate]]:
+    """Candidates in groups that are simulated once, because they differ in what is recorded alone."""
+    return [list(group) for _, group in itertools.groupby(candidates, key=lambda c: (c.name, c.done))]
+
+
+def channels_of(group: Iterable[Candidate]) -> tuple[str, ...]:
+    """All channels that are recorded in some of the candidates."""
+    return tuple(dict.fromkeys(name for candidate in group for name in candidate.sd))
+
+
 def candidates(
     opened: Opened, *, largest: float | None = None, longest: float | None = None
 ) -> list[Candidate]:
@@ -110,14 +184,9 @@ def candidates(
         histories = _histories(opened.pace, longest)
         # A weight is hung from the tip of a tendon that tension drives: its size follows from the tension.
         pulled = robot.tendons[tendon].drive == "tension"
-        ways = ways_to_drive(list(histories), robot, float(most[tendon]))
-        for way in ways if pulled and not tendon else ways[: len(histories)]:
-            time, share = histories[way.name]
-            drive = np.tile(least, (len(time), 1))
-            drive[:, tendon] = share * most[tendon]
-            whose = f" by {robot.tendon_names[tendon]}" if robot.tendon_names else ""
-            for added, sd in readings:
-                found.append(Candidate(way.name + whose, way.done, added, time, drive, None, sd, way.changed))
+        hung_from = float(most[tendon]) if pulled and not tendon else None
+        scaled = {name: (time, share * most[tendon]) for name, (time, share) in histories.items()}
+        found += driven(robot, tendon, scaled, least, readings, hung_from=hung_from)
     return [*found, *_checks(opened, model, float(np.max(most)), longest)]
 
 
@@ -137,10 +206,8 @@ def _histories(pace: float, longest: float | None) -> dict[str, tuple[np.ndarray
     return found
 
 
-def _readings(opened: Opened, largest: float) -> list[tuple[tuple[str, ...], dict[str, float]]]:
-    """What may be read: as before, and with each further instrument and with all; as words for what is added
-    and the standard deviation of each channel.
-    """
+def _readings(opened: Opened, largest: float) -> list[Readings]:
+    """What may be read: as before, and with each further instrument and with all."""
     robot = opened.models[0].robot
     before = {name: sd for name, sd in opened.noise.items() if not name.startswith(ORIENTATION)}
     more: dict[str, dict[str, float]] = {}
@@ -158,7 +225,7 @@ def _readings(opened: Opened, largest: float) -> list[tuple[tuple[str, ...], dic
         for words, names in ((POSE, pose), (DRAWN, drawn), (MARKERS, places)):
             if names and not any(name in before for name in names):
                 more[words] = {n: POSE_NOISE.get(quantity_of(n)) or MARKER_NOISE[unit_of(n)] for n in names}
-    found: list[tuple[tuple[str, ...], dict[str, float]]] = [((), before)] if before else []
+    found: list[Readings] = [((), before)] if before else []
     found += [((words,), before | sd) for words, sd in more.items()]
     if len(more) > 1:
         every = {name: sd for each in more.values() for name, sd in each.items()}
@@ -180,16 +247,5 @@ def _checks(opened: Opened, model: OpenModel, largest: float, longest: float | N
             name, (time, base, tip) = list(checks(largest, pace * longest / time[-1]).items())[i]
         if longest is not None and time[-1] > longest:
             time = time * longest / time[-1]
-        found.append(
-            Candidate(
-                name=name,
-                done=ALL_REMOVED if robot.tendon_names else REMOVED,
-                added=(),
-                time=time,
-                drive=np.tile(base[:, None], (1, len(robot.tendons))),
-                weight=tip,
-                sd={"T_base": sd, "T_tip": sd},
-                changed=dict,
-            )
-        )
+        found.append(check_of_cells(robot, name, (time, base, tip), {"T_base": sd, "T_tip": sd}))
     return found

@@ -9,8 +9,18 @@ import numpy as np
 LOOPS, REST, ALONE = 8, 20.0, 60.0
 # Share of the largest base tension at which the tendon rests.
 RESTING = 0.02
+# Seconds of a loop that is neither slow nor fast where no recording tells, and loops that a recording whose
+# times tell is taken to hold.
+PACE, LOOPS_RECORDED = 20.0, 6
 # Samples of a hold, as a share of those of a leg that moves.
 SHARE_OF_HOLD = 0.3
+
+
+def pace_of(duration: float | None) -> float:
+    """Seconds of a loop that is neither slow nor fast, on a rig of which a recording took so long [s]; None
+    where no recording has times.
+    """
+    return PACE if duration is None else max(duration / LOOPS_RECORDED, 1.0)
 
 
 def menu(largest: float, samples: int, duration: float) -> dict[str, tuple[np.ndarray, np.ndarray]]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Protocol
 
 import numpy as np
 
@@ -17,6 +18,24 @@ from gtr_jax.terms import known_acting
 # A number of which nothing is known counts as known to its own size; derivatives are taken over a change of
 # at most this share of it.
 NOTHING_KNOWN, SMALL = 1.0, 0.1
+
+
+class Rival(Protocol):
+    """A model that a diagnosis refitted, as the planner needs it: `names` of its hypotheses, free `numbers`,
+    their coordinates `x`, and `values` of the free and the fixed numbers, SI, by name.
+    """
+
+    @property
+    def names(self) -> tuple[str, ...]: ...
+    @property
+    def numbers(self) -> tuple[Number, ...]: ...
+    @property
+    def x(self) -> np.ndarray: ...
+    @property
+    def values(self) -> Mapping[str, float]: ...
+    def information(self) -> np.ndarray:
+        """What is known about the coordinates, (p, p)."""
+        ...
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

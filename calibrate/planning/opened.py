@@ -17,15 +17,14 @@ from gtr_jax import InputError, Recording, load_config, read_recording
 from gtr_jax.config.references import referenced
 from gtr_jax.recordings.formats.text import read_text
 
+from .load_histories import pace_of
 from .model import OpenModel, known_beforehand, open_model
 
 DIAGNOSIS, FIT = "diagnosis.json", "fit.json"
-# Seconds of a loop that is neither slow nor fast, and readings of a new recording, where no recording says.
-PACE, READINGS = 20.0, 140
+# Readings of a new recording.
+READINGS = 140
 # Most rivals that are planned with, the most probable first.
 MOST = 5
-# Loops that a recording is taken to hold where its times tell its pace.
-LOOPS = 6
 # A tension at the tip is read to this share of the largest at the base where no recording tells.
 TENSION_SD = 0.01
 
@@ -129,7 +128,7 @@ def open_files(
         noise_drive=noise or TENSION_SD * largest,
         largest=np.full(tendons, largest),
         resting=np.zeros(tendons),
-        pace=PACE,
+        pace=pace_of(None),
     )
 
 
@@ -277,7 +276,7 @@ def _opened(
         noise_drive=max(float(r.get("noise_base_N") or 0.0) for r in answer["recordings"]),
         largest=np.atleast_1d(largest),
         resting=np.atleast_1d(resting),
-        pace=max(lasts[-1] / LOOPS, 1.0) if lasts else PACE,
+        pace=pace_of(lasts[-1] if lasts else None),
         recordings=tuple(path for role, path in paths.items() if role.startswith("recording")),
         command=settings.get("command") or f"gtr {stem.replace('diagnosis', 'diagnose')} ROBOT.toml REC.csv",
         left_out=left_out,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -10,27 +11,31 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from calibrate.inference.channels import of_tendons, quantity_of
+from calibrate.inference.channels import ORIENTATION, Orientation, of_tendons, quantity_of
+from calibrate.inference.number import values_in
 from calibrate.inference.setup import Observation
-from calibrate.inference.simulated_rig import SimulatedRig
+from calibrate.inference.simulated_rig import SimulatedRig, valued
+from calibrate.inference.simulation_cache import SimulationCache
+from gtr_jax import Robot
 from gtr_jax.recordings.base_tension import exact
-from gtr_jax.robot.parameters import with_values
 from gtr_jax.simulation.sensing import cells_show
 
 from .candidates import Candidate
 from .disturbed import White, disturbances, whitening
-from .model import OpenModel
+from .model import OpenModel, Rival
 from .ways_to_drive import Values
 
 # Change of a coordinate to each side by which derivatives are taken: wide enough to cross kinks of friction.
 STEP = 0.5
+# Change of a coordinate to one side by which a diagnosis takes derivatives of its rivals.
+FORWARD_STEP = 0.05
 # The same for a check of what the wide one says: over a kink the readings seem to depend on combinations of
 # numbers on which they do not.
 FINE_STEP = 0.005
 # Rounds of a refit, the shares of a step that are tried, and the share of the cost that a round must gain for
 # another to follow.
 ROUNDS, SHARES, SETTLED = 6, (1.0, 0.4, 0.15), 0.02
-_cells_show = eqx.filter_jit(cells_show)
+_compiled_cells_show = eqx.filter_jit(cells_show)
 
 
 class Weighed(NamedTuple):
@@ -61,9 +66,9 @@ class Outcome:
 
     def weighed(self, candidate: Candidate) -> Weighed:
         """The readings that an experiment takes, in standard deviations of their noise."""
+        rows = _weighed_rows(self.rows, self.channels, candidate)
         at = [self.channels.index(name) for name in candidate.sd]
         sd = np.asarray(list(candidate.sd.values()))
-        rows = (self.rows[at] / sd[:, None]).ravel()
         slopes, beside = (
             (columns[at] / sd[:, None, None]).reshape(rows.size, -1)
             for columns in (self.slopes, self.disturbed)
@@ -71,43 +76,103 @@ class Outcome:
         return Weighed(rows, slopes, whitening(beside))
 
 
-class Trial:
-    """A drive of the rig under one model, to be simulated with any values of its numbers.
+def _weighed_rows(rows: np.ndarray, channels: Sequence[str], candidate: Candidate) -> np.ndarray:
+    """Those of the readings of all channels, SI, (C, K), that an experiment takes, in standard deviations of
+    their noise, (n,).
+    """
+    at = [channels.index(name) for name in candidate.sd]
+    sd = np.asarray(list(candidate.sd.values()))
+    return (rows[at] / sd[:, None]).ravel()
+
+
+class SimulatedExperiment:
+    """An experiment, to be simulated with any values of a robot's numbers.
+
+    Args:
+        candidate: the experiment.
+        channels: that are read, C of them.
+        robot: with which it is simulated, on a coarse mesh.
+        more: names of further numbers that may change, as of `SimulatedRig`.
+        name: of the recording; a number that such a recording has to itself has it after an @.
+        cache: of simulations done before.
+
+    Attributes:
+        part: the experiment as a recording without readings.
+    """
+
+    def __init__(
+        self,
+        candidate: Candidate,
+        channels: Sequence[str],
+        robot: Robot,
+        more: Sequence[str] = (),
+        *,
+        name: str = "next",
+        cache: SimulationCache | None = None,
+    ) -> None:
+        self.candidate, self.channels, self.robot = candidate, tuple(channels), robot
+        self.part = _part(robot, candidate, channels, name)
+        self._more, self._cache = tuple(more), cache
+
+    # What the cells show of true tensions; compiled it differs in the last bit.
+    _cells_show = staticmethod(cells_show)
+
+    @functools.cached_property
+    def _rig(self) -> SimulatedRig:
+        return SimulatedRig(self.part, self.robot, self._more, self._cache)
+
+    def __call__(self, values: Values) -> np.ndarray | None:
+        """The readings, SI, (C, K), of a check of the cells those of all tendons, (C, K tendons); None where
+        load steps do not converge.
+
+        Args:
+            values: of numbers of the robot, SI, by name.
+        """
+        if self.candidate.weight is not None:
+            return self._cells(values)
+        seen = self._rig(self.candidate.changed(values))
+        if seen is None or seen.failed:
+            return None
+        return seen.values[[self._rig.channels.index(name) for name in self.channels]]
+
+    def _cells(self, values: Values) -> np.ndarray:
+        """What the load cells show of known weights [N], (2, K tendons)."""
+        candidate = self.candidate
+        assert candidate.weight is not None
+        robot = valued(self.robot, values_in(values, self.part.name))
+        several = robot.tendon_names
+        tip = np.tile(candidate.weight[:, None], (1, len(several))) if several else candidate.weight
+        base = candidate.drive if several else candidate.drive[:, 0]
+        shown = self._cells_show(robot, jnp.asarray(base), jnp.asarray(tip), jnp.asarray(candidate.time))
+        return np.stack([np.asarray(values).ravel() for values in (shown.T_base, shown.T_tip)])
+
+
+class Trial(SimulatedExperiment):
+    """An experiment under one model of a plan. Of a check of the cells it takes those of the first tendon,
+    where a diagnosis takes all.
 
     Args:
         model: that is true.
         candidate: the experiment.
         channels: that are read, C of them.
         noise: standard deviation of a reading of what drives the tendons, SI.
-
-    Attributes:
-        part: the experiment as a recording without readings.
     """
 
+    _cells_show = staticmethod(_compiled_cells_show)
+
     def __init__(self, model: OpenModel, candidate: Candidate, channels: Sequence[str], noise: float) -> None:
-        self.model, self.candidate, self.channels = model, candidate, tuple(channels)
-        self._noise = noise
-        self.part = _part(model, candidate, channels)
-        self._rig = SimulatedRig(self.part, model.robot, [n.name for n in model.numbers])
+        super().__init__(candidate, channels, model.robot, [n.name for n in model.numbers])
+        self.model, self._noise = model, noise
+
+    def _cells(self, values: Values) -> np.ndarray:
+        every = super()._cells(values)
+        return every.reshape(len(every), len(self.candidate.time), -1)[:, :, 0]
 
     def disturbed(self, rows: np.ndarray) -> np.ndarray:
         """Changes of readings, SI, (C, K), by what disturbs many at once, SI, (C, K, q)."""
         if self.candidate.weight is not None:
             return np.zeros((*rows.shape, 0))
         return disturbances(self.candidate, self.part, self.channels, rows, self._noise)
-
-    def __call__(self, values: Values) -> np.ndarray | None:
-        """The readings, SI, (C, K); None where load steps do not converge.
-
-        Args:
-            values: of the model's numbers, SI, by name.
-        """
-        if self.candidate.weight is not None:
-            return _cells(self.model, self.candidate, values)
-        seen = self._rig(self.candidate.changed(values))
-        if seen is None or seen.failed:
-            return None
-        return seen.values[[self._rig.channels.index(name) for name in self.channels]]
 
 
 def outcome(trial: Trial, x: np.ndarray | None = None, width: float = STEP) -> Outcome | None:
@@ -137,6 +202,32 @@ def outcome(trial: Trial, x: np.ndarray | None = None, width: float = STEP) -> O
         (low, before), (high, after) = ends
         slopes.append((after - before) / (high - low))
     return Outcome(trial.channels, start, np.stack(slopes, axis=-1), trial.disturbed(start))
+
+
+def weighed_forward(
+    experiment: SimulatedExperiment, rival: Rival, candidates: Sequence[Candidate]
+) -> list[Weighed] | None:
+    """What each of some candidates that differ in what they record would show under a rival of a diagnosis,
+    without what disturbs many readings; None where load steps do not converge.
+
+    Derivatives are over one small step from where the rival was fitted, of readings in standard deviations:
+    those of `outcome`, over a wide step to both sides, would propose other experiments.
+    """
+    start = experiment(rival.values)
+    if start is None:
+        return None
+    moved = []
+    for i, n in enumerate(rival.numbers):
+        there = experiment(dict(rival.values) | {n.name: n.value(rival.x[i] + FORWARD_STEP)})
+        if there is None:
+            return None
+        moved.append(there)
+    found = []
+    for candidate in candidates:
+        rows, *ends = (_weighed_rows(own, experiment.channels, candidate) for own in (start, *moved))
+        slopes = np.stack([(there - rows) / FORWARD_STEP for there in ends], axis=1)
+        found.append(Weighed(rows, slopes, whitening(np.zeros((rows.size, 0)))))
+    return found
 
 
 def refitted(
@@ -185,36 +276,25 @@ def refitted(
     return float(np.sqrt(best)), here.rows
 
 
-def _part(model: OpenModel, candidate: Candidate, channels: Sequence[str]) -> Observation:
-    """The experiment as a recording without readings."""
-    robot = model.robot
+def _part(robot: Robot, candidate: Candidate, channels: Sequence[str], name: str) -> Observation:
+    """The experiment as a recording without readings, whose base does not turn."""
     drives = [exact(column) for column in candidate.drive.T]
     tips = of_tendons("T_tip", robot)
     read = (*tips, *(name for name in channels if quantity_of(name) != "T_tip"))
+    K, orientation = len(candidate.time), None
+    if any(channel.startswith(ORIENTATION) for channel in channels):
+        orientation = Orientation(np.broadcast_to(np.eye(3), (K, 3, 3)), np.zeros((K, 3)))
     return Observation(
-        name="next",
+        name=name,
         path="",
         robot=robot,
         config=None,
         T_base=drives[0],
         channels=read,
-        recorded=np.zeros((len(read), len(candidate.time))),
+        recorded=np.zeros((len(read), K)),
         time=candidate.time,
         trial=None,
         noise_N=None,
         others=tuple(drives[1:]),
+        orientation=orientation,
     )
-
-
-def _cells(model: OpenModel, candidate: Candidate, values: Values) -> np.ndarray:
-    """What the load cells show of known weights [N], (2, K)."""
-    assert candidate.weight is not None
-    robot = with_values(model.robot, dict(values))
-    several = robot.tendon_names
-    tip = np.tile(candidate.weight[:, None], (1, len(several))) if several else candidate.weight
-    base = candidate.drive if several else candidate.drive[:, 0]
-    shown = _cells_show(robot, jnp.asarray(base), jnp.asarray(tip), jnp.asarray(candidate.time))
-    each = [
-        np.asarray(values).reshape(len(candidate.time), -1)[:, 0] for values in (shown.T_base, shown.T_tip)
-    ]
-    return np.stack(each)

@@ -14,10 +14,10 @@ from gtr_jax import InputError
 from gtr_jax.errors import did_you_mean
 from gtr_jax.to_jsonable import to_jsonable
 
-from .candidates import Candidate, candidates
+from .candidates import Candidate, by_drive, candidates, channels_of
+from .choice import Ranked, by_worth
 from .opened import Opened
 from .outcome import FINE_STEP, Outcome, Trial, outcome, refitted
-from .ranked import Ranked
 from .words import NARROWS, TELLS, in_words
 from .worth import pairs, sd_after, separations, worth_of_narrowing, worth_of_separation
 
@@ -164,7 +164,7 @@ def plan(
         every = [c for c in every if c.weight is None]
     if not every:
         raise InputError(f"{opened.source}: nothing was recorded by which a new load history could be judged")
-    groups = [list(g) for _, g in itertools.groupby(every, key=lambda c: (c.name, c.done))]
+    groups = by_drive(every)
     progress(f"simulating {len(groups)} experiments under {len(models)} model{'s'[: len(models) - 1]}")
     trials = in_parallel(lambda group: _tried(opened, group), groups)
     ranked = []
@@ -175,7 +175,7 @@ def plan(
             ]
     if not ranked:
         raise InputError(f"{opened.source}: no experiment of the catalogue could be simulated")
-    ranked.sort(key=_order)
+    ranked = by_worth(ranked)
     trial_of = {id(c): trial for group, trial in zip(groups, trials, strict=True) for c in group}
     if opened.rivals:
         progress("refitting the rivals to what the best experiments would show")
@@ -183,7 +183,7 @@ def plan(
             if ranked[0].confirmed:
                 break
             first = _confirmed(opened, ranked[0], trial_of[id(ranked[0].candidate)])
-            ranked = sorted([first, *ranked[1:]], key=_order)
+            ranked = by_worth([first, *ranked[1:]])
         ranked.sort(key=lambda r: not r.confirmed)
     else:
         progress("checking what the best experiments would narrow")
@@ -193,7 +193,7 @@ def plan(
                 break
             trial = trial_of[id(ranked[0].candidate)]
             first = _checked(opened, ranked[0], trial, fine, counts, bool(wanted))
-            ranked = sorted([first, *ranked[1:]], key=_order)
+            ranked = by_worth([first, *ranked[1:]])
     best_of = np.max([r.separation for r in ranked], axis=0)
     best = ranked[0]
     verdict = _verdict(opened, best, counts)
@@ -208,11 +208,6 @@ def plan(
         wanted=tuple(n.name for n, own in zip(models[0].numbers, counts, strict=True) if own),
         warnings=opened.left_out,
     )
-
-
-def _order(ranked: Ranked) -> tuple[float, float, str]:
-    """By worth, and where as much is enough, by how far the models are apart."""
-    return (-ranked.worth, -ranked.least, ranked.candidate.in_words)
 
 
 def _counted(opened: Opened, wanted: Sequence[str]) -> np.ndarray:
@@ -244,8 +239,7 @@ def _tried(opened: Opened, group: Sequence[Candidate]) -> _Tried | None:
     """One drive of the rig under every model, with all instruments of its candidates; None where load steps
     of a model do not converge.
     """
-    channels = tuple(dict.fromkeys(name for candidate in group for name in candidate.sd))
-    trials = [Trial(model, group[0], channels, opened.noise_drive) for model in opened.models]
+    trials = [Trial(model, group[0], channels_of(group), opened.noise_drive) for model in opened.models]
     outcomes = [own for own in map(outcome, trials) if own is not None]
     return _Tried(trials, outcomes) if len(outcomes) == len(trials) else None
 
@@ -254,7 +248,7 @@ def _judged(
     opened: Opened, candidate: Candidate, outcomes: Sequence[Outcome], counts: np.ndarray, each: bool
 ) -> Ranked:
     shown = [own.weighed(candidate) for own in outcomes]
-    separation = separations(opened.models, shown)
+    separation = separations([model.information for model in opened.models], shown)
     first, slopes = opened.models[0], shown[0].white(shown[0].slopes)
     if opened.rivals:
         worth = worth_of_separation(separation, candidate.effort)

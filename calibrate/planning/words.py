@@ -9,10 +9,9 @@ import numpy as np
 
 from gtr_jax.numbers import quantity
 
-from .candidates import Candidate, listed
-from .experiment import ALL_REMOVED
+from .candidates import ALL_REMOVED, Candidate, listed
+from .choice import Ranked
 from .opened import Opened
-from .ranked import Ranked
 from .worth import pairs
 
 # Distance [standard errors] above which two models are told apart, and share of its present width to which an
@@ -38,9 +37,40 @@ def in_words(opened: Opened, ranked: Sequence[Ranked], counts: np.ndarray, *, no
 
 def instruction(candidate: Candidate) -> str:
     """The experiment as an instruction."""
+    return _check(candidate) if candidate.weight is not None else f"Drive {candidate.in_words}"
+
+
+def instruction_by_channels(candidate: Candidate) -> str:
+    """The experiment as an instruction of a diagnosis, which lists channels and not instruments."""
     if candidate.weight is not None:
-        return f"Take the tendon{'s' if candidate.done == ALL_REMOVED else ''} off and {candidate.name}"
-    return f"Drive {candidate.in_words}"
+        return _check(candidate)
+    done = f", with {candidate.done}" if candidate.done else ""
+    also = f", and record {', '.join(candidate.added)}" if candidate.added else ""
+    return f"Drive {candidate.name}{done}{also}"
+
+
+def proposed(best: Ranked, rivals: Sequence[tuple[str, ...]], *, named: bool) -> str:
+    """What a diagnosis proposes, in sentences.
+
+    Args:
+        best: the experiment.
+        rivals: the models that it is to tell apart, by names of hypotheses.
+        named: whether the answer names a model, which its robot file then holds.
+    """
+    which = " and ".join(" + ".join(names) if names else "nothing missing" for names in rivals)
+    verb = "would tell" if best.least > TELLS else "is the best of the menu, but would hardly tell"
+    experiment = instruction_by_channels(best.candidate)
+    says = f"{experiment}: it {verb} {which} apart ({best.least:.1f} standard errors)."
+    if named and best.candidate.weight is None and not best.candidate.joins:
+        says += (
+            " Diagnose that recording with diagnosed.toml, changed to say so: the answer is adequate if what "
+            "the file holds is right."
+        )
+    return says
+
+
+def _check(candidate: Candidate) -> str:
+    return f"Take the tendon{'s' if candidate.done == ALL_REMOVED else ''} off and {candidate.name}"
 
 
 def _of_rivals(opened: Opened, ranked: Sequence[Ranked], nothing: bool) -> str:

@@ -7,10 +7,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .experiment import ENOUGH
 from .model import OpenModel
 from .outcome import Weighed
 
+# Separation [standard errors] above which more brings no advantage.
+ENOUGH = 6.0
+# What a diagnosis counts against the separation for each thing that an experiment takes beyond another load
+# history [standard errors].
+EFFORT_OF_NEED = 0.5
 # What the effort of an experiment counts against the narrowing of intervals, in logarithms.
 EFFORT_IN_LOGS = 0.2
 
@@ -30,19 +34,19 @@ def apart(a: np.ndarray, b: np.ndarray, slopes: np.ndarray, information: np.ndar
     return float(np.sqrt(max(float(off @ off - follow @ (slopes.T @ off)), 0.0)))
 
 
-def separations(models: Sequence[OpenModel], shown: Sequence[Weighed]) -> np.ndarray:
+def separations(information: Sequence[np.ndarray], shown: Sequence[Weighed]) -> np.ndarray:
     """Distance of each pair of models [standard errors], (m, m), the smaller of both ways.
 
     Args:
-        models: m of them.
+        information: about the coordinates of each of m models before the experiment, (p, p) each.
         shown: readings and derivatives of each.
     """
-    found = np.zeros((len(models), len(models)))
-    for i, j in itertools.combinations(range(len(models)), 2):
+    found = np.zeros((len(shown), len(shown)))
+    for i, j in itertools.combinations(range(len(shown)), 2):
         ways = []
         for a, b in ((shown[i].rows, j), (shown[j].rows, i)):
             rows, slopes, white = shown[b]
-            ways.append(apart(white(a), white(rows), white(slopes), models[b].information))
+            ways.append(apart(white(a), white(rows), white(slopes), information[b]))
         found[i, j] = found[j, i] = min(ways)
     return found
 
@@ -55,6 +59,13 @@ def pairs(separation: np.ndarray) -> np.ndarray:
 def worth_of_separation(separation: np.ndarray, effort: float) -> float:
     """Mean distance of the pairs, of which no more counts than is enough, less the effort."""
     return float(np.mean(np.minimum(pairs(separation), ENOUGH))) - effort
+
+
+def worth_of_least(separation: np.ndarray, needs: int) -> float:
+    """Least distance of the pairs, of which no more counts than is enough, less the number of things needed:
+    the worth in a diagnosis, whose rivals are few and must all be told apart.
+    """
+    return min(float(np.min(pairs(separation))), ENOUGH) - EFFORT_OF_NEED * needs
 
 
 def sd_after(model: OpenModel, slopes: np.ndarray) -> np.ndarray:

@@ -13,9 +13,9 @@ from gtr_jax.recordings.formats.quantities import QUATERNION, column_of
 from gtr_jax.report.page import Figure, Report, Section, Table
 
 from ..planning.candidates import Candidate, listed
+from ..planning.choice import Ranked
 from ..planning.disturbed import corners
 from ..planning.plan import Plan
-from ..planning.ranked import Ranked
 from ..planning.words import TELLS
 from ..planning.worth import ENOUGH, pairs, worth_of_separation
 from . import plan_figures as draw

@@ -38,8 +38,8 @@ from calibrate.inference.number import Number
 from calibrate.inference.simulated_rig import SimulatedRig, at_samples, between
 from calibrate.inference.simulation_cache import SimulationCache
 from calibrate.inference.weighing import Weighing
-from calibrate.planning.experiment import propose
 from calibrate.planning.load_histories import checks, menu, more_histories
+from calibrate.planning.proposal import propose
 from calibrate.planning.ways_to_drive import turned, weighed, weight_to_hang
 from gtr_jax.config.config import parse_config
 from gtr_jax.recordings.base_tension import exact
@@ -806,11 +806,8 @@ def test_the_experiment_that_tells_rivals_apart(make_robot, rivals, known, best)
         told = known * np.eye(len(x))
         return Fitted((name,), numbers, x, own, np.zeros(len(x)), told, 0.0, 0.0, (), 0, {})
 
-    fits = {(name,): fitted(name, values) for name, values in rivals.items()}
-    likelihood = SimpleNamespace(noise=[[Noise(0.02, 0.0)]])
-    models = SimpleNamespace(fits=fits, likelihood=likelihood, ranked=lambda: list(fits.values()))
-    decision = SimpleNamespace(verdict="ambiguous", confusion=list(fits), chosen=next(iter(fits.values())))
-    found = propose(cast(Any, models), cast(Any, decision), SimulatedRig(part, robot))
+    models = [fitted(name, values) for name, values in rivals.items()]
+    found = propose(models, SimulatedRig(part, robot), [0.02], named=True)
     assert found is not None
     assert best in found.says and max(dict(found.menu).values()) > 6
     assert ("diagnosed.toml" in found.says) == ("rig turned" in found.says)

@@ -98,7 +98,9 @@ def test_separations_take_the_model_that_follows_better():
     free, held = model(np.zeros((2, 2)) + 1e-9 * np.eye(2)), model(1e9 * np.eye(2), name="two")
     J = np.eye(4)[:, :2]
     a, b = np.array([1.0, 1.0, 0.0, 2.0]), np.zeros(4)
-    found = separations([held, free], [Weighed(rows, J, lambda rows: rows) for rows in (a, b)])
+    found = separations(
+        [held.information, free.information], [Weighed(rows, J, lambda rows: rows) for rows in (a, b)]
+    )
     np.testing.assert_allclose(found, [[0.0, 2.0], [2.0, 0.0]], atol=1e-6)
 
 

@@ -21,7 +21,7 @@ from calibrate.diagnosis.screening.screen import SEEN, Screened
 from calibrate.diagnosis.search.differ import Difference
 from calibrate.inference.channels import unit_of
 from calibrate.inference.setup import Observation
-from calibrate.planning.experiment import Experiment
+from calibrate.planning.proposal import Experiment
 from gtr_jax import Robot, RobotConfig
 
 from .change import Change

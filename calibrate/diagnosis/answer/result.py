@@ -19,7 +19,7 @@ from calibrate.diagnosis.search.differ import Difference
 from calibrate.inference.channels import unit_of
 from calibrate.inference.number import OWN
 from calibrate.inference.setup import Observation
-from calibrate.planning.experiment import Experiment
+from calibrate.planning.proposal import Experiment
 from gtr_jax import RobotConfig
 from gtr_jax.notebook import as_card
 from gtr_jax.terms import Law, Term, catalogue_of
