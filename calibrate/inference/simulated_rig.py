@@ -214,7 +214,7 @@ class SimulatedRig:
         names = [*robot_names(own), *self.more]
         places = np.asarray(places_of(own, names))
         self._places: dict[str, Any] = dict(zip(names, places.tolist(), strict=True))
-        for name in set(robot_names(robot)) - self._places.keys():  # of all tendons at once
+        for name in sorted({*robot_names(robot)} - self._places.keys()):  # of all tendons at once
             self._places[name] = [self._places[f"{name}.{tendon}"] for tendon in robot.tendon_names]
         self._at_hand: _Recent[SimulatedReadings | None] = _Recent(AT_HAND)
         # What the cell at the tip adds changes what it shows, not what is simulated.
