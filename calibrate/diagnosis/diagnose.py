@@ -88,7 +88,8 @@ def diagnose(
             the robot (pose, markers, angles, displacements), all of them T_tip or none; 20 samples or
             more; or several of the same robot.
         channels: what is compared beside T_tip, where a recording has it; as of `calibrate.fit`.
-        noise_N, noise_base_N: standard deviations of the recorded tensions [N]; estimated unless given.
+        noise_N: standard deviation of recorded tip tensions [N]; estimated unless given.
+        noise_base_N: standard deviation of recorded base tensions [N]; estimated unless given.
         experiment: whether to propose the experiment that separates the rivals; only where the verdict is
             "ambiguous", unless given.
         exclude: stretches of time [s] that are simulated and not compared.
