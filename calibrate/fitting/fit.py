@@ -102,7 +102,8 @@ def fit(
             that can be compared, K >= 4 samples; or several.
         free: parameters to fit, by short name or key of the robot file; unless given, the mu of each tendon
             and E, or mu alone for a rigid sheath.
-        per_recording, per_robot: parameters of which each recording, or each robot, has its own.
+        per_recording: parameters of which each recording has its own.
+        per_robot: parameters of which each robot has its own.
         channels: what is fitted to beside T_tip, where a recording has it: some of tip_x, tip_y, tip_angle,
             displacement, and names of markers; in space tip_x, tip_y, tip_z, tip_rotation, displacement,
             T_base and markers; all unless given. Of several tendons "displacement.left" is the one of left.
