@@ -110,7 +110,8 @@ class Table:
             if share > most_absent:
                 if most_absent and not absent.all():
                     bad[np.flatnonzero(bad)[absent]] = False
-                few = f"; up to {100 * most_absent:g} % of a column may be empty, not {100 * share:.0f} %"
+                found = f"{100 * share:.1f}".removesuffix(".0")
+                few = f"; up to {100 * most_absent:g} % of a column may be empty, not {found} %"
                 self._refuse(index, bad, "a number", few if most_absent and absent.all() else "")
         return values
 
