@@ -40,6 +40,7 @@ from gtr_jax.robot.robot import Robot, sections
 from gtr_jax.simulation.history import Simulation
 from gtr_jax.terms import REGISTRY, body_hysteresis, presliding, viscoelastic_body
 from gtr_jax.terms.term import Bent, Quantity, Term
+from gtr_jax.terms.unmoved import unmoved
 
 RESULTS = Path(__file__).parent / "results/census.md"
 COUNT, SEED = 2200, 1
@@ -183,8 +184,12 @@ def draw(seed: int, index: int) -> Drawn:
             if "presliding" in chosen[:2]
             else ["presliding", "tendon-stretch"]
         )
+    numbers = {term_id: drawn_term(rng, REGISTRY[term_id], length) for term_id in chosen}
+    if rigid:  # no law of the slip's speed acts there, and a robot that has one is refused
+        own = {kind: {key.partition(".")[2]: x for key, x in of.items()} for kind, of in numbers.items()}
+        chosen = [kind for kind in chosen if kind not in unmoved(REGISTRY, own, chosen, length)]
     for term_id in chosen:
-        values |= drawn_term(rng, REGISTRY[term_id], length)
+        values |= numbers[term_id]
     low = float(rng.uniform(0.0, 0.5) * T_max) if rng.random() < 0.7 else 0.0
     corners = [0.0, T_max, low, T_max, low, T_max]
     T_base = np.concatenate(
