@@ -443,6 +443,7 @@ def folder():
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::gtr_jax.errors.InputWarning")  # a warning answers, too
 @pytest.mark.parametrize("kind", READERS)
 def test_mutants(kind, folder):
     name, sound, read = READERS[kind]
