@@ -5,15 +5,15 @@ from __future__ import annotations
 import equinox as eqx
 import jax.numpy as jnp
 import optimistix as optx
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from ..mechanics import Memory
-from .outcome import OUTSIDE_PHYSICS, is_solved
+from .outcome import WithResult
 from .sensing import Reading
 from .shape import Pose, Shape, tip_position, tip_rotation
 
 
-class EquilibriumArrays(eqx.Module):
+class EquilibriumArrays(eqx.Module, WithResult):
     """What `Equilibrium` holds, and says of each array."""
 
     s: Float[Array, " N"]
@@ -59,25 +59,8 @@ class EquilibriumArrays(eqx.Module):
         """The directors of the tip as columns, in the axes of the world."""
         return tip_rotation(self.shape, self.tip_pose)
 
-    @property
-    def converged(self) -> Bool[Array, "*batch"]:
-        """True where the solver met its tolerance, of a robot that can be."""
-        return self.result == optx.RESULTS.successful
 
-    @property
-    def outside_physics(self) -> Bool[Array, "*batch"]:
-        """True where the equations were solved for numbers of no robot: a negative modulus, friction below
-        zero, a channel outside the body.
-        """
-        return self.result == OUTSIDE_PHYSICS
-
-    @property
-    def solved(self) -> Bool[Array, "*batch"]:
-        """As `converged`, of any numbers."""
-        return is_solved(self.result)
-
-
-class SimulationArrays(eqx.Module):
+class SimulationArrays(eqx.Module, WithResult):
     """What `Simulation` holds, and says of each array."""
 
     T_base: Float[Array, "K *tendons"]
@@ -114,23 +97,6 @@ class SimulationArrays(eqx.Module):
     def tip_rotation(self) -> Float[Array, "K 3 3"]:
         """The directors of the tip as columns, in the axes of the world, (K, 3, 3)."""
         return tip_rotation(self.shape, self.tip_pose)
-
-    @property
-    def converged(self) -> Bool[Array, " K"]:
-        """True for each step that met the tolerance, of a robot that can be."""
-        return self.result == optx.RESULTS.successful
-
-    @property
-    def outside_physics(self) -> Bool[Array, " K"]:
-        """True where the equations were solved for numbers of no robot: a negative modulus, friction below
-        zero, a channel outside the body.
-        """
-        return self.result == OUTSIDE_PHYSICS
-
-    @property
-    def solved(self) -> Bool[Array, " K"]:
-        """As `converged`, of any numbers."""
-        return is_solved(self.result)
 
     @property
     def slip_speed(self) -> Float[Array, "K *tendons N"]:

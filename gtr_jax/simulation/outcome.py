@@ -68,3 +68,30 @@ def is_solved(result: Any) -> Any:
     the bounds of its numbers by itself.
     """
     return (result == optx.RESULTS.successful) | (result == OUTSIDE_PHYSICS)
+
+
+class WithResult:
+    """What equilibria and load histories say of how their equations were solved, each or step by step.
+
+    Attributes:
+        result: of the solver.
+    """
+
+    result: Any
+
+    @property
+    def converged(self) -> Bool[Array, "*batch"]:
+        """True where the solver met its tolerance, of a robot that can be."""
+        return self.result == optx.RESULTS.successful
+
+    @property
+    def outside_physics(self) -> Bool[Array, "*batch"]:
+        """True where the equations were solved for numbers of no robot: a negative modulus, friction below
+        zero, a channel outside the body.
+        """
+        return self.result == OUTSIDE_PHYSICS
+
+    @property
+    def solved(self) -> Bool[Array, "*batch"]:
+        """As `converged`, of any numbers."""
+        return is_solved(self.result)
