@@ -109,6 +109,7 @@ def _run(case: Case, place: Place, of: str, cache: Path) -> Mapping[str, Any]:
         "PYTHONPATH": str(place.checkout),
         "PYTHONSAFEPATH": "1",
         "PYTHONDONTWRITEBYTECODE": "1",
+        "PYTHONHASHSEED": "0",  # ezdxf writes the classes of a drawing in the order of a set
         "GTR_JAX_CACHE": str(cache),
         "COLUMNS": "100",
     }
