@@ -186,7 +186,10 @@ def draw(seed: int, index: int) -> Drawn:
         )
     numbers = {term_id: drawn_term(rng, REGISTRY[term_id], length) for term_id in chosen}
     if rigid:  # no law of the slip's speed acts there, and a robot that has one is refused
-        own = {kind: {key.partition(".")[2]: x for key, x in of.items()} for kind, of in numbers.items()}
+        own = {
+            kind: {key.partition(".")[2]: jnp.asarray(x) for key, x in of.items()}
+            for kind, of in numbers.items()
+        }
         chosen = [kind for kind in chosen if kind not in unmoved(REGISTRY, own, chosen, length)]
     for term_id in chosen:
         values |= numbers[term_id]
